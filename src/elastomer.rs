@@ -1,0 +1,96 @@
+//! The elastomer: how the pad deforms under the indenter.
+//!
+//! A pad is bonded to a rigid backing, an indenter is a rigid body given by its signed distance,
+//! and a simulation follows a path of indenter poses. What comes out at a capture is the displaced
+//! surface, the force on the indenter, and what the solver can say about its own error.
+//!
+//! Two solvers stand behind one contract ([`Elastomer`]): the paper's explicit material point
+//! method with or without its relative-rest loop ([`Mode::Mpm`], [`Mode::Impm`]), and a quasi-static
+//! solver whose waypoints are equilibria ([`Mode::QuasiStatic`]). Lengths are mm, forces N, stress MPa;
+//! the frame is the pad frame of [`crate::pose`]. This module never knows optics, files or the rig.
+
+pub mod capture;
+pub mod material;
+pub mod pad;
+pub mod settings;
+
+pub use capture::{ContactForces, ElastomerCapture, SolverStats, Surface};
+pub use material::{Law, Material};
+pub use pad::{Pad, PadShape};
+pub use settings::{Friction, Mode, Settings};
+
+use crate::pose::Pose;
+
+/// A deforming pad that follows one indenter.
+pub trait Elastomer: Send {
+    /// Moves the indenter in a straight line (and a linear turn) to `pose` and lets the pad follow.
+    ///
+    /// # Errors
+    /// A typed error when the step cannot be solved; the state is then unusable.
+    fn advance(&mut self, pose: &Pose) -> Result<(), Error>;
+
+    /// The state at the present pose: surface sampled on an `nx` by `ny` lattice, forces, statistics.
+    fn capture(&mut self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error>;
+
+    /// A copy of the present state, so that paths with a common beginning share it.
+    fn fork(&self) -> Box<dyn Elastomer>;
+}
+
+/// Why a pad could not be simulated. Every message says what to change.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// The relative-rest loop or the explicit step blew up.
+    #[error(
+        "the {mode} step diverged at step {step} (t = {time_s:.6} s, particle {particle}): {what}; lower elastomer.dt_s, raise elastomer.rest_threshold, or use elastomer.mode = \"quasi_static\""
+    )]
+    Diverged {
+        /// `mpm` or `impm`.
+        mode: &'static str,
+        /// Step number, from 0.
+        step: u64,
+        /// Simulated time, s.
+        time_s: f64,
+        /// Index of the first offending particle.
+        particle: usize,
+        /// What was seen.
+        what: String,
+    },
+    /// A waypoint has no equilibrium that the solver could find.
+    #[error(
+        "no equilibrium found at pose ({pose}): residual {residual:.3e} after {iterations} iterations and {restarts} restarts; {advice}"
+    )]
+    NotConverged {
+        /// Where the indenter was.
+        pose: Pose,
+        /// Relative residual reached.
+        residual: f64,
+        /// Newton iterations spent.
+        iterations: u32,
+        /// How often the waypoint was refined and tried again.
+        restarts: u32,
+        /// What to change.
+        advice: String,
+    },
+    /// The contact leaves the region in which the pad is simulated.
+    #[error(
+        "the contact comes within {distance_mm:.3} mm of the pad's edge at pose ({pose}); keep it at least {allowed_mm} mm inside, or choose a smaller indenter or a larger pad"
+    )]
+    OffPad {
+        /// Where the indenter was.
+        pose: Pose,
+        /// Distance of the contact from the edge, mm.
+        distance_mm: f64,
+        /// Smallest allowed distance, mm.
+        allowed_mm: f64,
+    },
+    /// A setting makes no sense together with the others.
+    #[error("elastomer.{key} = {value}: {why}")]
+    Setting {
+        /// Key below `[elastomer]` or `[pad]`.
+        key: &'static str,
+        /// The offending value.
+        value: String,
+        /// The allowed range and the next move.
+        why: String,
+    },
+}

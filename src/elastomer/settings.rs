@@ -1,0 +1,135 @@
+//! What can be set about an elastomer simulation: the `[elastomer]` table of a rig file.
+
+use super::Law;
+use serde::{Deserialize, Serialize};
+
+/// How the pad is solved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// Explicit MLS-MPM without relative rest: the paper's baseline.
+    Mpm,
+    /// Explicit MLS-MPM with the paper's relative-rest loop.
+    Impm,
+    /// An equilibrium with unilateral contact and friction at each waypoint.
+    QuasiStatic,
+}
+
+/// Friction between indenter and pad: a coefficient, or the word `"infinite"`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Friction {
+    /// What touches never slides.
+    Infinite,
+    /// Coulomb's coefficient; 0 is frictionless.
+    Coefficient(f64),
+}
+
+impl Serialize for Friction {
+    fn serialize<S: serde::Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Friction::Infinite => s.serialize_str("infinite"),
+            Friction::Coefficient(mu) => s.serialize_f64(*mu),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Friction {
+    fn deserialize<D: serde::Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct Visitor;
+        impl serde::de::Visitor<'_> for Visitor {
+            type Value = Friction;
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("a friction coefficient (0 or more) or \"infinite\"")
+            }
+            fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<Friction, E> {
+                if v.is_finite() && v >= 0.0 {
+                    Ok(Friction::Coefficient(v))
+                } else {
+                    Err(E::invalid_value(serde::de::Unexpected::Float(v), &self))
+                }
+            }
+            fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<Friction, E> {
+                self.visit_f64(v as f64)
+            }
+            fn visit_u64<E: serde::de::Error>(self, v: u64) -> Result<Friction, E> {
+                self.visit_f64(v as f64)
+            }
+            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<Friction, E> {
+                if v == "infinite" {
+                    Ok(Friction::Infinite)
+                } else {
+                    Err(E::invalid_value(serde::de::Unexpected::Str(v), &self))
+                }
+            }
+        }
+        d.deserialize_any(Visitor)
+    }
+}
+
+/// Settings of a simulation. What is absent takes the default of its mode or of the sensor's pad.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Solver.
+    pub mode: Mode,
+    /// Overrides the pad's constitutive law.
+    pub law: Option<Law>,
+    /// Overrides the pad's Young's modulus, MPa.
+    pub youngs_modulus_mpa: Option<f64>,
+    /// Overrides the pad's Poisson ratio.
+    pub poisson_ratio: Option<f64>,
+    /// Friction at the contact.
+    pub friction: Friction,
+    /// Error asked for, relative to depth (quasi-static mode).
+    pub tolerance: f64,
+    /// Particles along x, y and z (explicit modes).
+    pub particles: [usize; 3],
+    /// Grid spacing, mm (explicit modes); absent: 33/256, scaled with a coarser lattice.
+    pub dx_mm: Option<f64>,
+    /// Time step, s (explicit modes); absent: 1e-4, scaled with dx.
+    pub dt_s: Option<f64>,
+    /// Speed of the indenter, mm/s (explicit modes; the predecessor's is 200).
+    pub speed_mm_s: f64,
+    /// Relative-rest threshold (impm).
+    pub rest_threshold: f64,
+    /// Most passes of the relative-rest loop (impm).
+    pub rest_limit: u32,
+    /// Smallest reference speed in the rest test, mm/s (impm).
+    pub rest_floor_mm_s: f64,
+    /// How the base is held (explicit modes).
+    pub base: Base,
+    /// Points of the surface lattice along x and y.
+    pub surface: [usize; 2],
+}
+
+/// How the explicit modes hold the base of the pad.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Base {
+    /// The bottom three particle layers are pinned (the predecessor's way).
+    BondedLayers,
+    /// The z velocity of the lower half layer is zeroed (the paper's text).
+    LowerHalfVz,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            mode: Mode::Impm,
+            law: None,
+            youngs_modulus_mpa: None,
+            poisson_ratio: None,
+            friction: Friction::Infinite,
+            tolerance: 0.01,
+            particles: [101, 101, 21],
+            dx_mm: None,
+            dt_s: None,
+            speed_mm_s: 200.0,
+            rest_threshold: 0.5,
+            rest_limit: 20,
+            rest_floor_mm_s: 1.0,
+            base: Base::BondedLayers,
+            surface: [201, 201],
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! twinrig drives a tactile-sensor bench, runs the identical trajectory in a simulator, and stores
+//! paired real and simulated datasets.
+
+// Layer 0: vocabulary.
+pub mod clock;
+pub mod frame;
+pub mod pose;
+pub mod problem;
+pub mod units;
+// Layer 1a: shapes, images.
+pub mod indenter;
+// Layer 1b: pure domains.
+pub mod elastomer;
+pub mod motion;

@@ -1,0 +1,3 @@
+//! The `twinrig` program.
+
+fn main() {}

@@ -1,0 +1,13 @@
+//! Motion as mathematics: limits of an axis, feed profiles, and the trajectory of a session.
+//!
+//! Nothing here knows a device. [`axis`] answers whether a target is allowed, [`profile`] how long
+//! a move takes and where it is at an instant, [`trajectory`] is the one value that both the bench
+//! and the twin follow.
+
+pub mod axis;
+pub mod profile;
+pub mod trajectory;
+
+pub use axis::{AxisKind, AxisLimits, LimitError};
+pub use profile::Profile;
+pub use trajectory::{CaptureMark, Episode, Phase, Primitive, SlideDirection, Trajectory, Waypoint};

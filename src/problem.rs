@@ -1,0 +1,96 @@
+//! What is wrong with a user's file: every problem at once, each with the next move.
+//!
+//! A domain checks its own settings and reports a key path relative to where its table begins
+//! (`pad.thickness_mm`); `config` knows the file and finds the line.
+
+/// One thing that is wrong with one key.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Problem {
+    /// Dotted key path, e.g. `arm.axes.z.travel_mm`; list elements as `[2]`.
+    pub key: String,
+    /// The offending value as the user wrote it.
+    pub value: String,
+    /// What would have been accepted.
+    pub allowed: String,
+    /// What to do about it.
+    pub next: String,
+}
+
+/// Collects problems below a key prefix.
+#[derive(Debug, Default)]
+pub struct Problems {
+    prefix: Vec<String>,
+    found: Vec<Problem>,
+}
+
+impl Problems {
+    /// An empty collection at the root of a file.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Runs `check` with `key` appended to the prefix.
+    pub fn within(&mut self, key: impl Into<String>, check: impl FnOnce(&mut Problems)) {
+        self.prefix.push(key.into());
+        check(self);
+        self.prefix.pop();
+    }
+
+    /// Adds a problem with `key` (relative to the present prefix; empty for the prefix itself).
+    pub fn push(
+        &mut self,
+        key: &str,
+        value: impl std::fmt::Display,
+        allowed: impl Into<String>,
+        next: impl Into<String>,
+    ) {
+        let mut path = self.prefix.clone();
+        if !key.is_empty() {
+            path.push(key.to_owned());
+        }
+        let key = path.join(".").replace(".[", "[");
+        self.found.push(Problem {
+            key,
+            value: value.to_string(),
+            allowed: allowed.into(),
+            next: next.into(),
+        });
+    }
+
+    /// Requires `min <= value <= max` (and a finite value).
+    pub fn range(&mut self, key: &str, value: f64, min: f64, max: f64, unit: &str) {
+        if !(value.is_finite() && value >= min && value <= max) {
+            let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+            self.push(
+                key,
+                value,
+                format!("{min} to {max}{unit}"),
+                format!("choose a value from {min} to {max}{unit}"),
+            );
+        }
+    }
+
+    /// Whether nothing was found.
+    pub fn is_empty(&self) -> bool {
+        self.found.is_empty()
+    }
+
+    /// Everything found, in order.
+    pub fn into_vec(self) -> Vec<Problem> {
+        self.found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prefixes_nest_and_lists_read_naturally() {
+        let mut problems = Problems::new();
+        problems.within("axes", |p| p.within("[2]", |p| p.range("travel_mm", -1.0, 0.0, 300.0, "mm")));
+        let found = problems.into_vec();
+        assert_eq!(found[0].key, "axes[2].travel_mm");
+        assert_eq!(found[0].allowed, "0 to 300 mm");
+    }
+}
