@@ -12,3 +12,5 @@ pub mod indenter;
 // Layer 1b: pure domains.
 pub mod elastomer;
 pub mod motion;
+// Layer 2: uses of the domains.
+pub mod device;
