@@ -14,3 +14,5 @@ pub mod elastomer;
 pub mod motion;
 // Layer 2: uses of the domains.
 pub mod device;
+// Layer 3a: activities.
+pub mod twin;
