@@ -12,6 +12,7 @@ pub mod indenter;
 // Layer 1b: pure domains.
 pub mod elastomer;
 pub mod motion;
+pub mod protocol;
 // Layer 2: uses of the domains.
 pub mod device;
 // Layer 3a: activities.
