@@ -85,11 +85,15 @@ fn imports_go_downward_only() {
         if ["lib", "main"].contains(&module) {
             continue;
         }
+        if module.starts_with("ffi") {
+            continue;
+        }
         let rung = rung_of(module).unwrap_or_else(|| panic!("src/{module} has no rung: name it in RUNGS"));
         let text = std::fs::read_to_string(&file).expect("a source file");
         for import in imports(&text) {
             let Some(other) = rung_of(&import) else { continue };
-            let downward = other < rung || import == module;
+            // The words of the vocabulary may explain each other: a frame bears a timestamp.
+            let downward = other < rung || import == module || (rung == 0 && other == 0);
             if !downward {
                 wrong.push(format!("{} imports crate::{import} ({})", relative.display(), RUNGS[other].0));
             }

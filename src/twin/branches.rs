@@ -77,7 +77,7 @@ mod tests {
     /// Two slides from one press: left to -2, right to +2, with captures at 0, 1 and 2 mm.
     fn slip() -> Trajectory {
         let mut t = Trajectory { waypoints: Vec::new(), episodes: Vec::new(), captures: Vec::new() };
-        for (e, sign) in [-1.0, 1.0].into_iter().enumerate() {
+        for (e, sign) in [-1.0_f64, 1.0].into_iter().enumerate() {
             let first = t.waypoints.len() as u32;
             let path = [
                 (0.0, 5.0, false),
