@@ -12,3 +12,4 @@ pub mod indenter;
 // Layer 1b: pure domains.
 pub mod elastomer;
 pub mod motion;
+pub mod optics;
