@@ -17,3 +17,4 @@ pub mod protocol;
 pub mod device;
 // Layer 3a: activities.
 pub mod twin;
+pub mod optics;
