@@ -14,7 +14,8 @@ pub mod elastomer;
 pub mod motion;
 pub mod protocol;
 // Layer 2: uses of the domains.
+pub mod dataset;
 pub mod device;
 // Layer 3a: activities.
-pub mod twin;
 pub mod optics;
+pub mod twin;
