@@ -15,6 +15,7 @@ pub mod motion;
 pub mod protocol;
 // Layer 2: uses of the domains.
 pub mod device;
+pub mod plan;
 // Layer 3a: activities.
-pub mod twin;
 pub mod optics;
+pub mod twin;
