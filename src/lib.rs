@@ -16,6 +16,7 @@ pub mod protocol;
 // Layer 2: uses of the domains.
 pub mod dataset;
 pub mod device;
+pub mod plan;
 // Layer 3a: activities.
 pub mod optics;
 pub mod twin;
