@@ -41,10 +41,10 @@ pub fn verify(root: &Path) -> Result<Verification, Error> {
 
     // Every file of every journal line.
     let mut stored: Vec<StoredFile> = Vec::new();
-    for (_, line) in super::locked(&dataset.real).lines() {
+    for line in super::locked(&dataset.real).lines().values() {
         stored.extend(line.files.iter().cloned());
     }
-    for (_, line) in super::locked(&dataset.sim).lines() {
+    for line in super::locked(&dataset.sim).lines().values() {
         stored.extend(line.files.iter().cloned());
     }
     for file in &stored {
