@@ -12,10 +12,11 @@ pub mod indenter;
 // Layer 1b: pure domains.
 pub mod elastomer;
 pub mod motion;
+pub mod optics;
 pub mod protocol;
 // Layer 2: uses of the domains.
+pub mod dataset;
 pub mod device;
 pub mod plan;
 // Layer 3a: activities.
-pub mod optics;
 pub mod twin;

@@ -15,12 +15,19 @@
 //!
 //! What it does not do: subsurface scattering, spectra, polarisation, motion blur.
 
+pub mod accel;
 pub mod bench_scene;
+pub mod bsdf;
 pub mod camera;
+pub mod emitter;
 pub mod film;
+pub mod ggx;
+pub mod irradiance;
 pub mod light;
 pub mod material;
 pub mod mesh;
+pub mod reference;
+pub mod sampler;
 pub mod scene;
 pub mod texture;
 
