@@ -150,7 +150,8 @@ fn assert_complete(root: &std::path::Path) {
     assert_eq!((found.real, found.sim, found.rows), (4, 4, 4), "nothing is lost");
     for name in ["real", "sim"] {
         let journal = std::fs::read_to_string(root.join(format!("journal/{name}.ndjson"))).expect("journal");
-        let mut captures: Vec<_> = journal.lines().map(|l| l.split(',').next().unwrap_or("").to_owned()).collect();
+        let mut captures: Vec<_> =
+            journal.lines().map(|l| l.split(',').next().unwrap_or("").to_owned()).collect();
         let all = captures.len();
         captures.sort();
         captures.dedup();
