@@ -19,4 +19,3 @@ pub mod dataset;
 pub mod device;
 pub mod plan;
 // Layer 3a: activities.
-pub mod twin;
