@@ -428,3 +428,6 @@ fn check(pad: &Pad, settings: &Settings) -> Result<(), Error> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;
