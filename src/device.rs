@@ -6,3 +6,4 @@
 
 pub mod camera;
 pub mod settings;
+pub mod virtual_bench;

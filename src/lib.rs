@@ -16,5 +16,5 @@ pub mod protocol;
 // Layer 2: uses of the domains.
 pub mod device;
 // Layer 3a: activities.
-pub mod twin;
 pub mod optics;
+pub mod twin;

@@ -1,0 +1,3 @@
+//! The virtual bench: devices that are not there.
+
+pub mod picture;
