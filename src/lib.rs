@@ -19,3 +19,5 @@ pub mod dataset;
 pub mod device;
 pub mod plan;
 // Layer 3a: activities.
+pub mod optics;
+pub mod twin;
