@@ -8,6 +8,7 @@ pub mod pose;
 pub mod problem;
 pub mod units;
 // Layer 1a: shapes, images.
+pub mod image;
 pub mod indenter;
 // Layer 1b: pure domains.
 pub mod elastomer;
