@@ -8,6 +8,7 @@ pub mod pose;
 pub mod problem;
 pub mod units;
 // Layer 1a: shapes, images.
+pub mod image;
 pub mod indenter;
 // Layer 1b: pure domains.
 pub mod elastomer;
@@ -19,3 +20,5 @@ pub mod dataset;
 pub mod device;
 pub mod plan;
 // Layer 3a: activities.
+pub mod optics;
+pub mod twin;

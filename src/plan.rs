@@ -70,8 +70,8 @@ pub struct Plan {
 pub struct PlannedIndenter {
     /// The stem of its file.
     pub name: String,
-    /// Radius with which its edges are rounded, mm.
-    pub edge_round_mm: f64,
+    /// Radius with which its edges are rounded, mm; absent: as its file says.
+    pub edge_round_mm: Option<f64>,
 }
 
 /// Slides from the location of the press, one episode a direction.
@@ -143,7 +143,115 @@ impl Contact {
     pub fn zero_range_mm(&self) -> [f64; 2] {
         match self {
             Contact::Given { zero_mm } => [*zero_mm, *zero_mm],
-            Contact::TouchOff(t) => [-t.max_below_mm, t.start_above_mm],
+            Contact::TouchOff(t) => [-t.max_depth_mm, t.start_mm],
+        }
+    }
+}
+
+/// A descent in steps until the picture differs from the untouched one, heights relative to the
+/// rig's nominal contact.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TouchOff {
+    /// Where the descent begins, above the nominal contact, mm.
+    pub start_mm: f64,
+    /// Size of a coarse step, mm; the fine one is a tenth of it.
+    pub step_mm: f64,
+    /// Where it gives up, below the nominal contact, mm.
+    pub max_depth_mm: f64,
+    /// Change of the picture that counts as contact, code values; absent: the rig's
+    /// `session.touch_threshold`.
+    pub threshold: Option<f64>,
+}
+
+impl Default for TouchOff {
+    fn default() -> Self {
+        Self { start_mm: 0.5, step_mm: 0.1, max_depth_mm: 0.5, threshold: None }
+    }
+}
+
+/// How captures are divided into training and test data.
+    pub split: Split,
+}
+
+/// An indenter of a plan.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PlannedIndenter {
+    /// The stem of its file.
+    pub name: String,
+    /// Radius with which its edges are rounded, mm; absent: as its file says.
+    pub edge_round_mm: Option<f64>,
+}
+
+/// Slides from the location of the press, one episode a direction.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Slide {
+    /// Where to.
+    pub directions: Vec<SlideDirection>,
+    /// Distances at which a capture is taken, mm, increasing, without the 0 of the press itself.
+    pub distances_mm: Vec<f64>,
+}
+
+/// Rotations about the press axis, one episode a direction.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Rotate {
+    /// Which way.
+    pub directions: Vec<SpinDirection>,
+    /// Angles at which a capture is taken, degrees, increasing, without the 0 of the press itself.
+    pub angles_deg: Vec<f64>,
+}
+
+/// Speeds of the tip, and the nominal accelerations that date the trajectory. A rig's own
+/// accelerations give the estimate of [`estimate`]; these only stamp the waypoints.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Feeds {
+    /// At clearance, and down to the approach height, mm/s.
+    pub travel_mm_s: f64,
+    /// Into the pad, mm/s.
+    pub press_mm_s: f64,
+    /// Sideways at depth, mm/s.
+    pub slide_mm_s: f64,
+    /// Turning, deg/s.
+    pub rotate_deg_s: f64,
+    /// Nominal acceleration along a line, mm/s^2.
+    pub accel_mm_s2: f64,
+    /// Nominal acceleration of a turn, deg/s^2.
+    pub accel_deg_s2: f64,
+}
+
+impl Default for Feeds {
+    fn default() -> Self {
+        Self {
+            travel_mm_s: 5.0,
+            press_mm_s: 0.5,
+            slide_mm_s: 1.0,
+            rotate_deg_s: 10.0,
+            accel_mm_s2: 50.0,
+            accel_deg_s2: 100.0,
+        }
+    }
+}
+
+/// How the contact zero is known. Both are heights in the rig's nominal frame, whose 0 is where the
+/// rig file's `motion.z.origin` says that contact is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Contact {
+    /// Known beforehand: its height above the nominal contact, mm.
+    Given {
+        /// Height of the contact zero above the nominal contact, mm.
+        zero_mm: f64,
+    },
+    /// Found by descending until the image changes, once for each indenter.
+    TouchOff(TouchOff),
+}
+
+impl Contact {
+    /// The lowest and highest contact zero this can result in, mm above the nominal contact.
+    pub fn zero_range_mm(&self) -> [f64; 2] {
+        match self {
+            Contact::Given { zero_mm } => [*zero_mm, *zero_mm],
+            Contact::TouchOff(t) => [-t.max_depth_mm, t.start_mm],
         }
     }
 }

@@ -10,8 +10,8 @@
 mod path;
 mod prepared;
 
-use super::{Error, Film, Scene, sampler::Sampler};
-use glam::DVec3;
+use super::{Error, Film, Scene, bsdf::Lobe, bsdf::refract, sampler::Sampler, to_pad};
+use glam::{DVec3, Vec3};
 use path::Path;
 use prepared::Prepared;
 use rayon::prelude::*;
@@ -37,6 +37,15 @@ pub struct Renderer {
     prepared: Prepared,
 }
 
+/// A point of the pad's face as a pixel sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sight {
+    /// The point, pad frame, mm.
+    pub point: Vec3,
+    /// Its texture coordinate.
+    pub uv: glam::Vec2,
+}
+
 /// Edge of the tiles that threads take, pixels.
 const TILE: usize = 16;
 
@@ -58,6 +67,32 @@ impl Renderer {
     /// followed once, so all of them cost little more than one picture.
     pub fn render_lights(&self, settings: &Settings) -> Vec<Film> {
         self.render_sum(settings, self.prepared.emitters.len(), |light| light)
+    }
+
+    /// What the centre of each pixel sees of the pad's face, row 0 on top: through plates as Snell's law leads
+    /// (reflections apart), None where something else is in the way.
+    pub fn sights(&self) -> Vec<Option<Sight>> {
+        let camera = &self.prepared.camera;
+        (0..camera.width * camera.height)
+            .into_par_iter()
+            .map(|k| {
+                let (x, y) = ((k % camera.width) as f32 + 0.5, (k / camera.width) as f32 + 0.5);
+                self.sight(camera.ray(x, y, glam::Vec2::ZERO))
+            })
+            .collect()
+    }
+
+    fn sight(&self, (mut origin, mut direction): (Vec3, Vec3)) -> Option<Sight> {
+        for _ in 0..self.prepared.max_events {
+            let surfel = self.prepared.trace(origin, direction)?;
+            if surfel.pad {
+                return Some(Sight { point: to_pad(surfel.hit.point), uv: surfel.uv });
+            }
+            let Lobe::Dielectric { eta } = surfel.bsdf.lobe else { return None };
+            direction = refract(-direction, surfel.normal, eta)?;
+            origin = surfel.hit.point - surfel.normal * self.prepared.offset;
+        }
+        None
     }
 
     /// `films` pictures; the light `k` goes to picture `film_of(k)`.

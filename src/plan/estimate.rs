@@ -71,9 +71,10 @@ pub fn estimate(plan: &Plan, trajectory: &Trajectory, rig: &RigFences, pace: &Pa
         Contact::TouchOff(touch) => {
             let up = Pose::new(0.0, 0.0, plan.clearance_mm, 0.0);
             let at = |z: f64| Pose::new(0.0, 0.0, z, 0.0);
-            let down = move_time(rig, &up, &at(touch.start_above_mm), plan.feeds.travel_mm_s, 0.0);
+            let down = move_time(rig, &up, &at(touch.start_mm), plan.feeds.travel_mm_s, 0.0);
             let step = move_time(rig, &at(0.0), &at(touch.step_mm), plan.feeds.press_mm_s, 0.0);
-            let steps = (touch.start_above_mm / touch.step_mm).ceil() as u32;
+            // Coarse steps down to the contact, and on average fifteen fine ones from a step above.
+            let steps = (touch.start_mm / touch.step_mm).ceil() as u32 + 15;
             2 * down + steps * (step + pace.command + pace.settle + pace.exposure)
         }
     };

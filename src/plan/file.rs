@@ -75,9 +75,8 @@ fn once() -> u32 {
 pub struct IndenterEntry {
     /// The stem of a file in `indenters/`.
     pub name: String,
-    /// Radius with which its edges are rounded, mm.
-    #[serde(default)]
-    pub edge_round_mm: f64,
+    /// Radius with which its edges are rounded, mm; absent: as its file says.
+    pub edge_round_mm: Option<f64>,
 }
 
 /// Where to press: a grid around a centre, or a list of points.
@@ -120,14 +119,20 @@ pub struct RotateTable {
     pub step_deg: f64,
 }
 
-/// How the contact zero is known: one of the two.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// How the contact zero is known: `zero_mm` alone, or the rest for a touch-off.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct ContactTable {
     /// Height of the contact zero above the rig's nominal contact, mm.
     pub zero_mm: Option<f64>,
-    /// Find it by touch-off.
-    pub touch_off: Option<TouchOff>,
+    /// Start of the touch-off above the nominal contact, mm.
+    pub start_mm: Option<f64>,
+    /// Its coarse step, mm; the fine one is a tenth.
+    pub step_mm: Option<f64>,
+    /// Where it gives up below the nominal contact, mm.
+    pub max_depth_mm: Option<f64>,
+    /// Change of the picture that counts as contact, code values.
+    pub threshold: Option<f64>,
 }
 
 /// Training and test data.
@@ -248,7 +253,7 @@ impl PlanFile {
                         let next = "remove it, or raise `repeats` to use everything again";
                         p.push("name", &entry.name, "each indenter once", next);
                     }
-                    p.range("edge_round_mm", entry.edge_round_mm, 0.0, 2.0, "mm");
+                    p.range("edge_round_mm", entry.edge_round_mm.unwrap_or(0.0), 0.0, 2.0, "mm");
                 });
             });
         }
@@ -397,21 +402,29 @@ fn check_directions<T: PartialEq + std::fmt::Debug>(
 
 impl ContactTable {
     fn check(&self, clearance_mm: f64, problems: &mut Problems) -> Option<Contact> {
-        match (self.zero_mm, &self.touch_off) {
-            (Some(zero_mm), None) => {
+        let touch = [self.start_mm, self.step_mm, self.max_depth_mm, self.threshold];
+        match (self.zero_mm, touch.iter().any(Option::is_some)) {
+            (Some(zero_mm), false) => {
                 problems.range("zero_mm", zero_mm, -50.0, 50.0, "mm");
                 Some(Contact::Given { zero_mm })
             }
-            (None, Some(touch_off)) => {
-                problems.within("touch_off", |p| touch_off.check(clearance_mm, p));
-                Some(Contact::TouchOff(*touch_off))
+            (None, true) => {
+                let usual = TouchOff::default();
+                let touch_off = TouchOff {
+                    start_mm: self.start_mm.unwrap_or(usual.start_mm),
+                    step_mm: self.step_mm.unwrap_or(usual.step_mm),
+                    max_depth_mm: self.max_depth_mm.unwrap_or(usual.max_depth_mm),
+                    threshold: self.threshold,
+                };
+                touch_off.check(clearance_mm, problems);
+                Some(Contact::TouchOff(touch_off))
             }
             _ => {
                 problems.push(
                     "",
                     "neither or both",
-                    "either zero_mm or [contact.touch_off]",
-                    "write `zero_mm = 0.0` where the height is known, else a table [contact.touch_off]",
+                    "either zero_mm, or start_mm, step_mm and max_depth_mm of a touch-off",
+                    "write `zero_mm = 0.0` where the height is known, else `step_mm = 0.1`",
                 );
                 None
             }
@@ -421,19 +434,19 @@ impl ContactTable {
 
 impl TouchOff {
     fn check(&self, clearance_mm: f64, problems: &mut Problems) {
-        problems.range("step_mm", self.step_mm, 1e-3, 0.2, "mm");
-        problems.range("max_below_mm", self.max_below_mm, 0.0, 5.0, "mm");
-        if !(self.start_above_mm > 0.0 && self.start_above_mm <= clearance_mm) {
+        problems.range("step_mm", self.step_mm, 0.01, 0.5, "mm");
+        problems.range("max_depth_mm", self.max_depth_mm, 0.0, 5.0, "mm");
+        if !(self.start_mm > 0.0 && self.start_mm <= clearance_mm) {
             // Sideways travel happens before the zero is known, at clearance over the nominal contact.
             problems.push(
-                "start_above_mm",
-                self.start_above_mm,
+                "start_mm",
+                self.start_mm,
                 format!("more than 0, up to clearance_mm = {clearance_mm} mm"),
                 "start the descent at or below the clearance height, above any possible contact",
             );
         }
         if let Some(threshold) = self.threshold {
-            problems.range("threshold", threshold, 1.1, 1000.0, "times the noise");
+            problems.range("threshold", threshold, 0.1, 255.0, "code values");
         }
     }
 }

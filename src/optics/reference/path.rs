@@ -17,8 +17,9 @@ use std::f32::consts::FRAC_1_PI;
 
 /// Russian roulette begins after this many events...
 const ROULETTE_FROM: u32 = 2;
-/// ...and a path survives with this multiple of its largest throughput, at most 1.
-const ROULETTE_GAIN: f32 = 2.0;
+/// ...and a path survives with this multiple of its largest throughput, at most 1. Found by experiment on the
+/// benchmark scene: 2 doubles the error for half the time, no roulette at all gains 8 % for half as much again.
+const ROULETTE_GAIN: f32 = 8.0;
 /// Part of the light choice that is uniform, so that a glossy lobe may see a light that irradiates little.
 const UNIFORM_CHOICE: f32 = 0.1;
 

@@ -1,7 +1,7 @@
 //! A scene with everything that is worked out once: the tree, the lights, what each triangle is made of.
 
 use crate::optics::{
-    Albedo, Camera, Error, Material, Scene, accel::Accel, accel::Hit, bsdf::Bsdf, emitter::Emitter,
+    Albedo, Camera, Error, Material, Role, Scene, accel::Accel, accel::Hit, bsdf::Bsdf, emitter::Emitter,
 };
 use glam::{Vec2, Vec3};
 
@@ -25,8 +25,9 @@ pub struct Prepared {
 struct Part {
     material: Material,
     light: Option<usize>,
+    pad: bool,
     first_triangle: usize,
-    /// Texture coordinates by corner; empty where the material needs none.
+    /// Texture coordinates by corner; empty where nothing needs them.
     uvs: Vec<[Vec2; 3]>,
 }
 
@@ -34,6 +35,10 @@ struct Part {
 pub struct Surfel {
     pub hit: Hit,
     pub light: Option<usize>,
+    /// Whether it is the pad's face.
+    pub pad: bool,
+    /// Texture coordinate, 0 where the surface has none.
+    pub uv: Vec2,
     /// Geometric normal on the side the ray came from.
     pub normal: Vec3,
     pub bsdf: Bsdf,
@@ -64,7 +69,8 @@ impl Prepared {
                 let inf = Vec3::splat(f32::INFINITY);
                 clear.push(mesh.positions.iter().fold([inf, -inf], |[lo, hi], p| [lo.min(*p), hi.max(*p)]));
             }
-            let uvs = if textured {
+            let pad = surface.role == Role::Pad;
+            let uvs = if textured || (pad && !mesh.uvs.is_empty()) {
                 mesh.triangles.iter().map(|t| t.map(|i| mesh.uvs[i as usize])).collect()
             } else {
                 Vec::new()
@@ -73,6 +79,7 @@ impl Prepared {
             parts.push(Part {
                 material: surface.material.clone(),
                 light: None,
+                pad,
                 first_triangle: triangles.len(),
                 uvs,
             });
@@ -85,6 +92,7 @@ impl Prepared {
             parts.push(Part {
                 material: Material::Lambert { albedo: Albedo::Constant(light.albedo) },
                 light: Some(k),
+                pad: false,
                 first_triangle: triangles.len(),
                 uvs: Vec::new(),
             });
@@ -115,6 +123,8 @@ impl Prepared {
         };
         Some(Surfel {
             light: part.light,
+            pad: part.pad,
+            uv,
             normal: if outside { hit.normal } else { -hit.normal },
             bsdf: Bsdf::new(&part.material, uv, outside),
             hit,

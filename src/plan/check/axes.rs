@@ -103,8 +103,8 @@ fn check_provided(
         }
     }
     if let (Coordinate::Z, Contact::TouchOff(touch)) = (coordinate, &plan.contact) {
-        visit("contact.touch_off.start_above_mm", touch.start_above_mm, &|| "the touch-off's start".into());
-        visit("contact.touch_off.max_below_mm", -touch.max_below_mm, &|| "the touch-off's end".into());
+        visit("contact.start_mm", touch.start_mm, &|| "the touch-off's start".into());
+        visit("contact.max_depth_mm", -touch.max_depth_mm, &|| "the touch-off's end".into());
     }
 
     // Feeds: the full feed of a line is held against every axis that moves in it, since axes on

@@ -70,13 +70,13 @@ fn the_descent_of_the_touch_off_counts() {
     let mut plan = slip();
     plan.contact = Contact::TouchOff(crate::plan::TouchOff {
         step_mm: 0.02,
-        start_above_mm: 0.3,
-        max_below_mm: 30.0,
+        start_mm: 0.3,
+        max_depth_mm: 30.0,
         threshold: None,
     });
     let mut rig = rig();
     axis(&mut rig, "arm", "z").limits.max = 49.0;
-    assert!(keys(&found(&plan, &rig, 4.0)).contains(&"contact.touch_off.max_below_mm"));
+    assert!(keys(&found(&plan, &rig, 4.0)).contains(&"contact.max_depth_mm"));
 }
 
 #[test]
@@ -200,8 +200,8 @@ fn any_case() -> impl Strategy<Value = (Plan, RigFences, f64)> {
         }
         plan.contact = Contact::TouchOff(crate::plan::TouchOff {
             step_mm: 0.02,
-            start_above_mm: above,
-            max_below_mm: below,
+            start_mm: above,
+            max_depth_mm: below,
             threshold: None,
         });
         let mut rig = rig();
@@ -224,7 +224,7 @@ fn any_case() -> impl Strategy<Value = (Plan, RigFences, f64)> {
 fn commanded(plan: &Plan, rig: &RigFences, zero: f64) -> Vec<(Fence, f64)> {
     let mut poses = vec![crate::pose::Pose::new(0.0, 0.0, plan.clearance_mm, 0.0)];
     if let Contact::TouchOff(touch) = &plan.contact {
-        let mut z = touch.start_above_mm;
+        let mut z = touch.start_mm;
         while z > zero {
             poses.push(crate::pose::Pose::new(0.0, 0.0, z, 0.0));
             z = (z - touch.step_mm).max(zero);
