@@ -7,5 +7,6 @@
 pub mod byte_log;
 pub mod camera;
 pub mod link;
+pub mod mover;
 pub mod settings;
 pub mod virtual_bench;
