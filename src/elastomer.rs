@@ -12,14 +12,34 @@
 pub mod capture;
 pub mod material;
 pub mod pad;
+pub mod quasi_static;
 pub mod settings;
 
 pub use capture::{ContactForces, ElastomerCapture, SolverStats, Surface};
 pub use material::{Law, Material};
 pub use pad::{Pad, PadShape};
+pub use quasi_static::QuasiStaticSolver;
 pub use settings::{Friction, Mode, Settings};
 
+use crate::indenter::Indenter;
 use crate::pose::Pose;
+use std::sync::Arc;
+
+/// A pad at rest with the indenter at `start`, solved as the settings say.
+///
+/// # Errors
+/// When a setting makes no sense together with the pad.
+pub fn solver(
+    pad: &Pad,
+    settings: &Settings,
+    indenter: Arc<dyn Indenter>,
+    start: &Pose,
+) -> Result<Box<dyn Elastomer>, Error> {
+    match settings.mode {
+        Mode::QuasiStatic => Ok(Box::new(QuasiStaticSolver::new(pad, settings, indenter, start)?)),
+        Mode::Mpm | Mode::Impm => Err(Error::Setting { key: "mode", value: "impm".into(), why: "not merged".into() }),
+    }
+}
 
 /// A deforming pad that follows one indenter.
 pub trait Elastomer: Send {

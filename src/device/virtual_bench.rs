@@ -11,6 +11,7 @@
 
 pub mod faults;
 pub mod firmware;
+pub mod picture;
 pub mod serve;
 pub mod world;
 

@@ -1,0 +1,107 @@
+//! The optics: what the camera inside the sensor sees of a deformed pad.
+//!
+//! A [`Scene`] is a pad surface, a housing, perhaps a clear plate, lights and a camera. The
+//! [`reference`] renderer estimates its picture by path tracing, unbiased up to the scene's event
+//! limit; it judges every faster method. What a sensor is made of is data ([`sensor`], built by
+//! [`sensor_scene`]), and what a camera makes of linear light is a stage of its own ([`imaging`]).
+//! [`imager`] puts them together: surface in, 8-bit picture and depth map out.
+//!
+//! Who else shares the work: the twin brings surfaces and keeps pictures; the elastomer is unknown here.
+//!
+//! Terms. *Radiance* is linear RGB without unit (a light's 1.0 is white of energy 100 in the paper's table).
+//! *Event*: a scattering at a surface between camera and light; the light's own emission is none.
+//! *Scene frame*: x right, y up, z towards the camera, mm; it is the pad frame of [`crate::pose`]
+//! turned by 180 degrees about x ([`from_pad`], [`to_pad`]). Everything of a [`Scene`] is in the scene frame,
+//! every border of this module to the twin is in the pad frame.
+//!
+//! What it does not do: subsurface scattering, spectra, polarisation, motion blur.
+
+pub mod accel;
+pub mod bench_scene;
+pub mod bsdf;
+pub mod camera;
+pub mod emitter;
+pub mod film;
+pub mod ggx;
+pub mod imager;
+pub mod imaging;
+pub mod irradiance;
+pub mod light;
+pub mod material;
+pub mod mesh;
+pub mod noise;
+pub mod reference;
+pub mod render_file;
+pub mod sampler;
+pub mod scene;
+pub mod sensor;
+pub mod sensor_scene;
+pub mod surface;
+pub mod texture;
+
+pub use camera::Camera;
+pub use film::Film;
+pub use light::{Light, LightShape};
+pub use material::{Albedo, Material};
+pub use mesh::Mesh;
+pub use scene::{Role, Scene, Surface};
+pub use sensor::SensorOptics;
+pub use surface::DisplacedSurface;
+pub use texture::Texture;
+
+use glam::Vec3;
+
+/// Maps a point or direction of the pad frame into the scene frame.
+pub fn from_pad(p: Vec3) -> Vec3 {
+    Vec3::new(p.x, -p.y, -p.z)
+}
+
+/// Maps a point or direction of the scene frame into the pad frame; the inverse of [`from_pad`].
+pub fn to_pad(p: Vec3) -> Vec3 {
+    Vec3::new(p.x, -p.y, -p.z)
+}
+
+/// Why a picture could not be rendered. Every message says what to change.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A file could not be read or written.
+    #[error("cannot {action} {path}: {reason}; check the path and its permissions")]
+    File {
+        /// `read` or `write`.
+        action: &'static str,
+        /// The file.
+        path: String,
+        /// What the system said.
+        reason: String,
+    },
+    /// A scene file does not follow its format.
+    #[error(
+        "the scene file {path} is not a tactile-bench scene: {reason}; compare it with tactile-bench-1.json"
+    )]
+    SceneFormat {
+        /// The file, or `<text>`.
+        path: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A part of the scene cannot be rendered.
+    #[error("{part} of the scene: {what}; {next}")]
+    Scene {
+        /// The surface, light or camera concerned.
+        part: String,
+        /// What is wrong with it.
+        what: String,
+        /// What to do about it.
+        next: String,
+    },
+    /// A setting makes no sense together with the scene.
+    #[error("optics.{key} = {value}: {why}")]
+    Setting {
+        /// Key below `[optics]`.
+        key: &'static str,
+        /// The offending value.
+        value: String,
+        /// The allowed range and the next move.
+        why: String,
+    },
+}

@@ -1,0 +1,286 @@
+//! The loader of benchmark scenes (the format of tactile-bench-1.json).
+//!
+//! The file gives every number of one sensor scene: a pad as a height field over a lattice, a box
+//! without floor, four rectangular lights, a camera. Variants: `Ac` (constant albedo), `At` (analytic
+//! texture), `B` (`Ac` plus a clear plate). Formulas given in words in the file (height, texture) are
+//! implemented here; a file whose words differ is another format and is refused by its name.
+
+use super::{
+    Albedo, Camera, Error, Light, LightShape, Material, Mesh, Role, Scene, Surface, Texture, camera,
+};
+use glam::{DVec3, Vec2, Vec3};
+use serde::{Deserialize, Serialize};
+use std::{path::Path, sync::Arc};
+
+/// Which of the three scenes of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Variant {
+    /// Constant albedo.
+    Ac,
+    /// Analytic texture.
+    At,
+    /// Constant albedo and a clear plate.
+    B,
+}
+
+impl std::str::FromStr for Variant {
+    type Err = Error;
+
+    fn from_str(s: &str) -> Result<Self, Error> {
+        match s {
+            "Ac" => Ok(Variant::Ac),
+            "At" => Ok(Variant::At),
+            "B" => Ok(Variant::B),
+            _ => Err(Error::Setting {
+                key: "variant",
+                value: s.to_owned(),
+                why: "a scene file has the variants Ac, At and B; choose one of them".to_owned(),
+            }),
+        }
+    }
+}
+
+/// Loads one variant of a scene file, with the file's own raster.
+///
+/// # Errors
+/// When the file cannot be read or does not follow the format.
+pub fn load(path: &Path, variant: Variant) -> Result<Scene, Error> {
+    let text = std::fs::read_to_string(path).map_err(|e| Error::File {
+        action: "read",
+        path: path.display().to_string(),
+        reason: e.to_string(),
+    })?;
+    parse(&text, variant).map_err(|e| match e {
+        Error::SceneFormat { reason, .. } => Error::SceneFormat { path: path.display().to_string(), reason },
+        other => other,
+    })
+}
+
+/// The same from the text of the file.
+///
+/// # Errors
+/// When the text does not follow the format.
+pub fn parse(text: &str, variant: Variant) -> Result<Scene, Error> {
+    let fault = |reason: String| Error::SceneFormat { path: "<text>".to_owned(), reason };
+    let file: SceneFile = serde_json::from_str(text).map_err(|e| fault(e.to_string()))?;
+    if file.name != "tactile-bench-1" {
+        return Err(fault(format!(
+            "its name is \"{}\", the only known one is \"tactile-bench-1\"",
+            file.name
+        )));
+    }
+    let pad = &file.elastomer;
+    if !(2..=8192).contains(&pad.nx) || !(2..=8192).contains(&pad.ny) {
+        return Err(fault(format!("the pad's lattice is {} x {}, allowed are 2 to 8192", pad.nx, pad.ny)));
+    }
+    let albedo = match variant {
+        Variant::At => Albedo::Texture(Arc::new(bench_texture())),
+        Variant::Ac | Variant::B => Albedo::grey(pad.albedo_const),
+    };
+    let mut surfaces = vec![
+        Surface {
+            name: "pad".to_owned(),
+            role: Role::Pad,
+            mesh: Arc::new(pad.mesh()),
+            material: Material::Lambert { albedo },
+        },
+        Surface {
+            name: "box".to_owned(),
+            role: Role::Housing,
+            mesh: Arc::new(file.walls.mesh()),
+            material: Material::Lambert { albedo: Albedo::grey(file.walls.albedo) },
+        },
+    ];
+    if variant == Variant::B {
+        let p = &file.plate;
+        surfaces.push(Surface {
+            name: "plate".to_owned(),
+            role: Role::Plate,
+            mesh: Arc::new(Mesh::cuboid(
+                Vec3::new(p.x[0], p.y[0], p.z[0]),
+                Vec3::new(p.x[1], p.y[1], p.z[1]),
+            )),
+            material: Material::Dielectric { ior: p.ior },
+        });
+    }
+    let events = &file.max_scattering_events;
+    let scene = Scene {
+        surfaces,
+        lights: file.lights.iter().map(|l| l.light(file.walls.albedo)).collect(),
+        camera: file.camera.camera()?,
+        max_events: if variant == Variant::B { events.b } else { events.a },
+    };
+    scene.check()?;
+    Ok(scene)
+}
+
+/// The texture of variant At: dark dots at 2 mm pitch on a wavy ground, on the 20 x 15 mm pad.
+fn bench_texture() -> Texture {
+    use std::f64::consts::TAU;
+    Texture::from_fn(640, 480, |u, v| {
+        let (x, y) = (20.0 * u - 10.0, 15.0 * v - 7.5);
+        let nearest = |c: f64| c - (2.0 * ((c - 1.0) / 2.0).round() + 1.0);
+        let q = nearest(x).hypot(nearest(y));
+        let m = 1.0 - 0.85 * (-(q / 0.25).powi(4)).exp();
+        let rgb = DVec3::new(
+            0.55 + 0.15 * (TAU * x / 5.0).sin(),
+            0.50 + 0.20 * (TAU * (x + y) / 4.0).sin(),
+            0.45 + 0.15 * (TAU * y / 3.0).cos(),
+        );
+        (m * rgb).as_vec3()
+    })
+}
+
+// The file as it stands; keys with explanations in words are read over.
+
+#[derive(Deserialize)]
+struct SceneFile {
+    name: String,
+    elastomer: PadFile,
+    #[serde(rename = "box")]
+    walls: BoxFile,
+    lights: Vec<LightFile>,
+    camera: CameraFile,
+    max_scattering_events: EventsFile,
+    plate: PlateFile,
+}
+
+#[derive(Deserialize)]
+struct PadFile {
+    nx: usize,
+    ny: usize,
+    x_range: [f64; 2],
+    y_range: [f64; 2],
+    cx: f64,
+    cy: f64,
+    #[serde(rename = "R")]
+    radius: f64,
+    d: f64,
+    rc: f64,
+    hc: f64,
+    k: f64,
+    albedo_const: f32,
+}
+
+impl PadFile {
+    /// Height of the pressed pad: a spherical cap inside rc, an exponential tail outside.
+    fn height(&self, x: f64, y: f64) -> f64 {
+        let r = (x - self.cx).hypot(y - self.cy);
+        if r <= self.rc {
+            self.d - self.radius + (self.radius * self.radius - r * r).sqrt()
+        } else {
+            self.hc * (-self.k * (r - self.rc)).exp()
+        }
+    }
+
+    fn mesh(&self) -> Mesh {
+        let mut positions = Vec::with_capacity(self.nx * self.ny);
+        let mut uvs = Vec::with_capacity(self.nx * self.ny);
+        let ([x0, x1], [y0, y1]) = (self.x_range, self.y_range);
+        for j in 0..self.ny {
+            for i in 0..self.nx {
+                let (s, t) = (i as f64 / (self.nx - 1) as f64, j as f64 / (self.ny - 1) as f64);
+                let (x, y) = (x0 + (x1 - x0) * s, y0 + (y1 - y0) * t);
+                positions.push(Vec3::new(x as f32, y as f32, self.height(x, y) as f32));
+                uvs.push(Vec2::new(s as f32, t as f32));
+            }
+        }
+        Mesh::from_lattice(self.nx, self.ny, positions, uvs)
+    }
+}
+
+#[derive(Deserialize)]
+struct BoxFile {
+    x: [f32; 2],
+    y: [f32; 2],
+    z: [f32; 2],
+    albedo: f32,
+}
+
+impl BoxFile {
+    /// Walls and ceiling; no floor, the pad closes the box.
+    fn mesh(&self) -> Mesh {
+        Mesh::open_box(Vec3::new(self.x[0], self.y[0], self.z[0]), Vec3::new(self.x[1], self.y[1], self.z[1]))
+    }
+}
+
+#[derive(Deserialize)]
+struct PlateFile {
+    x: [f32; 2],
+    y: [f32; 2],
+    z: [f32; 2],
+    ior: f32,
+}
+
+#[derive(Deserialize)]
+struct EventsFile {
+    #[serde(rename = "A")]
+    a: u32,
+    #[serde(rename = "B")]
+    b: u32,
+}
+
+#[derive(Deserialize)]
+struct LightFile {
+    name: String,
+    center_mm: Vec3,
+    normal: Vec3,
+    u_dir: Vec3,
+    size_u_mm: f32,
+    v_dir: Vec3,
+    size_v_mm: f32,
+    radiance_linear_rgb: Vec3,
+}
+
+impl LightFile {
+    fn light(&self, albedo: f32) -> Light {
+        // Our rectangles shine towards u x v; the file states the normal on its own.
+        let sign = self.u_dir.cross(self.v_dir).dot(self.normal).signum();
+        Light {
+            name: self.name.clone(),
+            shape: LightShape::Rectangle {
+                center: self.center_mm,
+                half_u: self.u_dir * (sign * self.size_u_mm / 2.0),
+                half_v: self.v_dir * (self.size_v_mm / 2.0),
+            },
+            radiance: self.radiance_linear_rgb,
+            two_sided: false,
+            cosine_power: 0.0,
+            albedo: Vec3::splat(albedo),
+        }
+    }
+}
+
+#[derive(Deserialize)]
+struct CameraFile {
+    #[serde(rename = "type")]
+    kind: String,
+    origin: Vec3,
+    look_dir: Vec3,
+    up: Vec3,
+    right: Vec3,
+    hfov_deg: f64,
+    res: [usize; 2],
+}
+
+impl CameraFile {
+    fn camera(&self) -> Result<Camera, Error> {
+        if self.kind != "pinhole" {
+            return Err(Error::SceneFormat {
+                path: "<text>".to_owned(),
+                reason: format!("its camera is \"{}\", the format has \"pinhole\" only", self.kind),
+            });
+        }
+        Ok(camera::Camera {
+            origin: self.origin,
+            right: self.right,
+            up: self.up,
+            forward: self.look_dir,
+            tan_half_x: (self.hfov_deg / 2.0).to_radians().tan() as f32,
+            width: self.res[0],
+            height: self.res[1],
+            distortion: None,
+            lens: None,
+        })
+    }
+}

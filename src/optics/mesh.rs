@@ -1,0 +1,144 @@
+//! Triangle meshes: positions, texture coordinates, and the lattice they came from.
+
+use super::Error;
+use glam::{Vec2, Vec3};
+
+/// A triangle mesh in the scene frame, mm. Normals are geometric: (b - a) x (c - a).
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Mesh {
+    /// Vertices.
+    pub positions: Vec<Vec3>,
+    /// Texture coordinate of each vertex; empty when the mesh carries no texture.
+    pub uvs: Vec<Vec2>,
+    /// Vertex indices of each triangle.
+    pub triangles: Vec<[u32; 3]>,
+    /// `[nx, ny]` when vertex (i, j) of a regular lattice stands at `j * nx + i` and the triangles are
+    /// those of [`Mesh::lattice`]: quads in the same order, two triangles each.
+    pub lattice: Option<[usize; 2]>,
+}
+
+impl Mesh {
+    /// The mesh of an `nx` by `ny` lattice of points (at least 2 x 2), x inner. Each quad
+    /// a = (i, j), b = (i+1, j), c = (i+1, j+1), d = (i, j+1) becomes the triangles (a, b, c) and (a, c, d).
+    pub fn from_lattice(nx: usize, ny: usize, positions: Vec<Vec3>, uvs: Vec<Vec2>) -> Self {
+        let mut triangles = Vec::with_capacity(2 * (nx.max(1) - 1) * (ny.max(1) - 1));
+        for j in 0..ny.saturating_sub(1) {
+            for i in 0..nx.saturating_sub(1) {
+                let a = (j * nx + i) as u32;
+                let (b, d) = (a + 1, a + nx as u32);
+                let c = d + 1;
+                triangles.push([a, b, c]);
+                triangles.push([a, c, d]);
+            }
+        }
+        Self { positions, uvs, triangles, lattice: Some([nx, ny]) }
+    }
+
+    /// The parallelogram with corner `a` and edges `u`, `v`; its normal is u x v.
+    pub fn parallelogram(a: Vec3, u: Vec3, v: Vec3) -> Self {
+        Self {
+            positions: vec![a, a + u, a + u + v, a + v],
+            uvs: vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            lattice: None,
+        }
+    }
+
+    /// Appends the triangles of another mesh. The result is no lattice and carries no texture.
+    pub fn append(&mut self, other: &Mesh) {
+        let base = self.positions.len() as u32;
+        self.positions.extend_from_slice(&other.positions);
+        self.triangles.extend(other.triangles.iter().map(|t| t.map(|i| i + base)));
+        self.uvs.clear();
+        self.lattice = None;
+    }
+
+    /// The six faces of the axis-aligned box, normals outwards.
+    pub fn cuboid(min: Vec3, max: Vec3) -> Self {
+        let s = max - min;
+        let (x, y, z) = (Vec3::X * s.x, Vec3::Y * s.y, Vec3::Z * s.z);
+        let mut mesh = Mesh::default();
+        for face in [
+            Mesh::parallelogram(min, y, x),
+            Mesh::parallelogram(min + z, x, y),
+            Mesh::parallelogram(min, x, z),
+            Mesh::parallelogram(min + y, z, x),
+            Mesh::parallelogram(min, z, y),
+            Mesh::parallelogram(min + x, y, z),
+        ] {
+            mesh.append(&face);
+        }
+        mesh
+    }
+
+    /// Four walls and the face at the largest z of an axis-aligned box, normals inwards; no face at the
+    /// smallest z.
+    pub fn open_box(min: Vec3, max: Vec3) -> Self {
+        let s = max - min;
+        let (x, y, z) = (Vec3::X * s.x, Vec3::Y * s.y, Vec3::Z * s.z);
+        let mut mesh = Mesh::default();
+        for face in [
+            Mesh::parallelogram(min, y, z),
+            Mesh::parallelogram(min + x, z, y),
+            Mesh::parallelogram(min, z, x),
+            Mesh::parallelogram(min + y, x, z),
+            Mesh::parallelogram(min + z, y, x),
+        ] {
+            mesh.append(&face);
+        }
+        mesh
+    }
+
+    /// The corners of triangle `k`.
+    pub fn corners(&self, k: usize) -> [Vec3; 3] {
+        self.triangles[k].map(|i| self.positions[i as usize])
+    }
+
+    /// Indices inside the vertex list, coordinates finite, one texture coordinate a vertex or none.
+    pub fn check(&self, part: &str) -> Result<(), Error> {
+        let fault = |what: String| {
+            let next = "repair the mesh before it is rendered".to_owned();
+            Err(Error::Scene { part: part.to_owned(), what, next })
+        };
+        if let Some(i) = self.positions.iter().position(|p| !p.is_finite()) {
+            return fault(format!("vertex {i} is {} (coordinates must be finite)", self.positions[i]));
+        }
+        if let Some(t) = self.triangles.iter().flatten().find(|&&i| i as usize >= self.positions.len()) {
+            return fault(format!("a triangle names vertex {t} of {}", self.positions.len()));
+        }
+        if !self.uvs.is_empty() && self.uvs.len() != self.positions.len() {
+            return fault(format!(
+                "{} texture coordinates for {} vertices",
+                self.uvs.len(),
+                self.positions.len()
+            ));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cuboid_has_its_normals_outwards_and_its_area() {
+        let mesh = Mesh::cuboid(Vec3::new(-1.0, -2.0, 0.0), Vec3::new(1.0, 2.0, 5.0));
+        let centre = Vec3::new(0.0, 0.0, 2.5);
+        let mut area = 0.0;
+        for k in 0..mesh.triangles.len() {
+            let [a, b, c] = mesh.corners(k);
+            let n = (b - a).cross(c - a);
+            area += n.length() / 2.0;
+            assert!(n.dot((a + b + c) / 3.0 - centre) > 0.0);
+        }
+        assert!((area - 2.0 * (2.0 * 4.0 + 2.0 * 5.0 + 4.0 * 5.0)).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_broken_mesh_is_named() {
+        let mut mesh = Mesh::parallelogram(Vec3::ZERO, Vec3::X, Vec3::Y);
+        mesh.triangles[1][2] = 9;
+        assert!(mesh.check("pad").unwrap_err().to_string().contains("vertex 9 of 4"));
+    }
+}
