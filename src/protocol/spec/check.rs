@@ -127,6 +127,9 @@ impl Check<'_> {
         if spec.flow.mode == FlowMode::IdMatched && spec.flow.id.is_none() {
             self.push(&["flow", "mode"], "matched ids need [flow.id]".to_owned());
         }
+        if let Some(reset) = &spec.flow.reset {
+            self.realtime(&["flow", "reset"], reset);
+        }
         if let Some(banner) = &spec.flow.after_reset {
             self.class(&["flow", "after_reset"], banner);
         }
@@ -163,6 +166,9 @@ impl Check<'_> {
             match cmd.reply.as_str() {
                 "ack" | "none" => {}
                 class => self.class(&path, class),
+            }
+            if let Some(class) = &cmd.needs {
+                self.class(&["cmd", name, "needs"], class);
             }
             let binary = !cmd.header.is_empty() || !cmd.payload.is_empty();
             if spec.is_line() && (cmd.tx.is_none() || binary) {

@@ -241,6 +241,9 @@ pub struct Fault {
     /// What it does to the trust in positions.
     #[serde(default)]
     pub trust: Trust,
+    /// The device answers nothing until it is reset.
+    #[serde(default)]
+    pub mutes: bool,
     /// Steps of `[recover]` that make the device usable again.
     pub recover: Option<String>,
 }

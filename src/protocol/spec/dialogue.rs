@@ -28,6 +28,8 @@ pub struct CommandSpec {
     /// Roles or classes whose fields are kept for the caller.
     #[serde(default)]
     pub collect: Vec<String>,
+    /// Class without which an `ack` cannot be this command's: it belongs to an earlier one, or is doubled.
+    pub needs: Option<String>,
     /// States it may be sent in; any when empty.
     #[serde(default)]
     pub pre: Vec<MotionState>,

@@ -2,7 +2,7 @@
 
 use crate::protocol::checksum::ChecksumKind;
 use crate::protocol::template::Template;
-use crate::protocol::value::{Bytes, Pattern};
+use crate::protocol::value::{Bytes, Fields, Pattern};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
 
@@ -311,6 +311,8 @@ pub struct FlowSpec {
     pub mode: FlowMode,
     /// Bytes that may be unacknowledged, for `char_count`.
     pub window_bytes: Option<usize>,
+    /// Real-time bytes that reset the device.
+    pub reset: Option<String>,
     /// The banner's class: after a reset every reply is ignored until it comes.
     pub after_reset: Option<String>,
     /// Message ids, for `id_matched`.
@@ -351,6 +353,9 @@ pub struct MessageId {
 pub struct AxisSpec {
     /// What a rig file's `wire` must match; its named groups are fields of templates.
     pub wire: Pattern,
+    /// Fields where a command concerns the device as a whole.
+    #[serde(default)]
+    pub device_fields: Fields,
     /// Order of axes in lists, by wire name.
     #[serde(default)]
     pub order: Vec<String>,
