@@ -11,11 +11,13 @@
 
 pub mod capture;
 pub mod material;
+pub mod mpm;
 pub mod pad;
 pub mod settings;
 
 pub use capture::{ContactForces, ElastomerCapture, SolverStats, Surface};
 pub use material::{Law, Material};
+pub use mpm::ExplicitSolver;
 pub use pad::{Pad, PadShape};
 pub use settings::{Friction, Mode, Settings};
 
