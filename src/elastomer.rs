@@ -11,12 +11,14 @@
 
 pub mod capture;
 pub mod material;
+pub mod mpm;
 pub mod pad;
 pub mod quasi_static;
 pub mod settings;
 
 pub use capture::{ContactForces, ElastomerCapture, SolverStats, Surface};
 pub use material::{Law, Material};
+pub use mpm::ExplicitSolver;
 pub use pad::{Pad, PadShape};
 pub use quasi_static::QuasiStaticSolver;
 pub use settings::{Friction, Mode, Settings};
