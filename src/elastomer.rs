@@ -39,7 +39,7 @@ pub fn solver(
 ) -> Result<Box<dyn Elastomer>, Error> {
     match settings.mode {
         Mode::QuasiStatic => Ok(Box::new(QuasiStaticSolver::new(pad, settings, indenter, start)?)),
-        Mode::Mpm | Mode::Impm => Err(Error::Setting { key: "mode", value: "impm".into(), why: "not merged".into() }),
+        Mode::Mpm | Mode::Impm => Ok(Box::new(ExplicitSolver::new(pad, settings, indenter, start)?)),
     }
 }
 
