@@ -6,6 +6,7 @@ pub mod exit;
 pub mod screen;
 pub mod signals;
 
+mod at_bench;
 mod capture;
 mod check;
 mod collect;
