@@ -20,3 +20,5 @@ pub mod dataset;
 pub mod device;
 pub mod plan;
 // Layer 3a: activities.
+// Layer 4a: configuration.
+pub mod config;
