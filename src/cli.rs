@@ -10,6 +10,7 @@ mod capture;
 mod check;
 mod collect;
 mod devices;
+mod dry_run;
 mod drive;
 mod emulate;
 mod home;

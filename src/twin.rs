@@ -14,7 +14,7 @@ pub use simulate::{Deformed, Model, Outcome, Walk};
 pub use view::{Picture, View, Wear};
 
 use crate::elastomer::ElastomerCapture;
-use crate::image::RgbImage;
+use crate::image;
 use crate::optics;
 use serde::{Deserialize, Serialize};
 
@@ -56,7 +56,7 @@ pub struct Twin {
 
 impl Twin {
     /// Gets ready to wear a picture of the untouched sensor (or none).
-    pub fn wear(&self, untouched: Option<&RgbImage>) -> Result<Wear, optics::Error> {
+    pub fn wear(&self, untouched: Option<&image::Picture>) -> Result<Wear, optics::Error> {
         self.view.wear(untouched, &self.model.pad)
     }
 

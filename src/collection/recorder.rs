@@ -3,7 +3,7 @@
 use super::{BACKGROUND, CollectionError, Progress};
 use crate::dataset::{AxisRecord, Dataset, RealRecord};
 use crate::frame::Frame;
-use crate::image::encode_png;
+use crate::image;
 use crate::session::{Event, RealCapture};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -124,5 +124,5 @@ impl Recorder {
 }
 
 fn png(frame: &Frame) -> Result<Vec<u8>, CollectionError> {
-    Ok(encode_png(frame.width, frame.height, &frame.rgb)?)
+    Ok(image::png::encode(frame)?)
 }

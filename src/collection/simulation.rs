@@ -2,7 +2,7 @@
 
 use super::{CollectionError, Progress};
 use crate::dataset::{Dataset, SimRecord, depth};
-use crate::image::{decode_png, encode_png};
+use crate::image::png;
 use crate::pose::Pose;
 use crate::twin::branches::grow;
 use crate::twin::{FollowedPoses, Outcome, Picture, Twin, Walk, Wear};
@@ -46,7 +46,7 @@ impl Simulation {
         loop {
             let bytes = self.background.borrow().clone();
             if let Some(bytes) = bytes {
-                let picture = decode_png(&bytes)?;
+                let picture = png::decode(&bytes)?;
                 return Ok(Some(self.twin.wear(Some(&picture))?));
             }
             if self.alone {
@@ -120,8 +120,8 @@ impl Simulation {
     }
 
     fn store(&self, deformed: &crate::twin::Deformed, picture: &Picture) -> Result<(), CollectionError> {
-        let png = encode_png(picture.width, picture.height, &picture.rgb)?;
-        let tiff = depth::encode(picture.width, picture.height, &picture.depth_mm)?;
+        let png = png::encode(&picture.image)?;
+        let tiff = depth::encode(picture.image.width, picture.image.height, &picture.depth_mm)?;
         let (settings, material) = (&self.twin.model.settings, self.twin.model.material());
         for capture in &deformed.captures {
             let (forces, stats) = (&deformed.pad.forces, &deformed.pad.stats);

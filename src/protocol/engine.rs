@@ -164,6 +164,9 @@ pub enum Failure {
         /// The time that passed without progress.
         stall: Duration,
     },
+    /// The port is gone.
+    #[error("the link is lost ({0}); check the cable, then connect and home again")]
+    LinkLost(String),
     /// A stop ended it.
     #[error("stopped")]
     Stopped,
@@ -364,6 +367,17 @@ impl Engine {
         ticket
     }
 
+    /// Whether something is in progress.
+    pub fn is_busy(&self) -> bool {
+        self.task.is_some() || !self.tasks.is_empty()
+    }
+
+    /// The bytes a move would send, one entry for each command; nothing is sent.
+    pub fn preview_move(&self, targets: &[(usize, f64)], feed: f64) -> Result<Vec<Vec<u8>>, Failure> {
+        let sends = self.plan_move(targets, feed, false)?;
+        sends.into_iter().map(|(name, _, fields)| Ok(self.exchange.encode_urgent(&name, fields)?)).collect()
+    }
+
     /// Puts a command straight into flow control, beside whatever task runs; this is how a stream of
     /// commands fills the device's buffer.
     pub fn stream(&mut self, name: &str, fields: Fields) -> Ticket {
@@ -455,9 +469,9 @@ impl Engine {
     }
 
     /// The line is gone: everything that waits ends, nothing more is sent.
-    pub fn link_lost(&mut self) {
-        self.events.push(Event::TrustLost("the link was lost".to_owned()));
-        self.end_everything(Failure::NoReply { what: "a lost link".to_owned(), waited: Duration::ZERO });
+    pub fn link_lost(&mut self, reason: &str) {
+        self.events.push(Event::TrustLost(format!("the link was lost: {reason}")));
+        self.end_everything(Failure::LinkLost(reason.to_owned()));
     }
 
     /// Does what is due and hands out what there is.
@@ -667,10 +681,11 @@ impl Engine {
 
     /// Devices that enumerate their alarms and errors know them better than the file.
     fn learn_tables(&mut self, reply: &Reply) {
-        let table = match reply.class.as_str() {
-            "alarm_text" => &mut self.alarms,
-            "error_text" => &mut self.errors,
-            _ => return,
+        let learns = self.spec.class(&reply.class).and_then(|rx| rx.learns);
+        let (table, trust) = match learns {
+            Some(FaultTable::Alarms) => (&mut self.alarms, Trust::Lost),
+            Some(FaultTable::Errors) => (&mut self.errors, Trust::Keep),
+            None => return,
         };
         let code = reply.text("code");
         let told = [reply.text("title"), reply.text("text")];
@@ -678,7 +693,7 @@ impl Engine {
         let unknown = Fault {
             text: text.clone(),
             class: FaultClass::Usage,
-            trust: if reply.class == "alarm_text" { Trust::Lost } else { Trust::Keep },
+            trust,
             mutes: false,
             recover: None,
         };

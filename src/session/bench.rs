@@ -10,7 +10,8 @@ use crate::clock::Clock;
 use crate::device::camera::{Camera, CameraError};
 use crate::device::mover::{Mover, MoverError, Reference};
 use crate::frame::Frame;
-use crate::motion::{AxisKind, AxisRole, Coordinate, PoseMap};
+use crate::image;
+use crate::motion::{AxisRole, Coordinate, PoseMap};
 use crate::pose::Pose;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -254,11 +255,6 @@ impl Bench {
             other => Ok(other?),
         }
     }
-
-    /// The unit kind of a role's axis matters to whoever prints it.
-    pub fn unit(&self, coordinate: Coordinate) -> &'static str {
-        if coordinate == Coordinate::Theta { AxisKind::Rotary.unit() } else { AxisKind::Linear.unit() }
-    }
 }
 
 /// Smaller differences are no motion: no axis of such a bench resolves a nanometre.
@@ -271,11 +267,7 @@ fn same(a: f64, b: f64) -> bool {
     (a - b).abs() < SAME
 }
 
-/// Root mean square difference of two frames in code values.
+/// Root mean square difference of two frames in code values; infinite when their sizes differ.
 pub fn rms_difference(a: &Frame, b: &Frame) -> f64 {
-    if a.rgb.len() != b.rgb.len() || a.rgb.is_empty() {
-        return f64::INFINITY;
-    }
-    let sum: u64 = a.rgb.iter().zip(&b.rgb).map(|(x, y)| u64::from(x.abs_diff(*y)).pow(2)).sum();
-    (sum as f64 / a.rgb.len() as f64).sqrt()
+    image::arithmetic::rms_difference(a, b).unwrap_or(f64::INFINITY)
 }

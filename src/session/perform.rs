@@ -19,8 +19,10 @@ pub type Operator = Box<dyn FnMut(&str) -> Pin<Box<dyn Future<Output = bool> + S
 /// How a session is run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SessionSettings {
-    /// How the contact is found; `None`: the nominal contact is the contact.
+    /// How the contact is found; `None`: it is given.
     pub touch_off: Option<TouchOffSettings>,
+    /// Height of the contact above the nominal contact where it is given, mm.
+    pub given_zero_mm: f64,
     /// Height at which sideways travel is safe, mm above the nominal contact.
     pub clearance_mm: f64,
     /// Feeds in the air.
@@ -31,7 +33,7 @@ pub struct SessionSettings {
     pub frame_within: Duration,
     /// Frames thrown away before the first background, for exposure and lamps to settle.
     pub warmup_frames: u32,
-    /// A new background every so many episodes, besides at every change of indenter.
+    /// A new background every so many episodes, besides at every change of indenter; 0: never.
     pub background_every: u32,
     /// Largest accepted departure of the measured pose from the commanded one, mm (degrees for rotation).
     pub departure: f64,
@@ -137,7 +139,8 @@ impl Session<'_> {
                 mounted = Some(episode.indenter.clone());
                 self.tell(Event::Mounted { indenter: episode.indenter.clone() }).await?;
             }
-            if changed || index % self.settings.background_every.max(1) == 0 {
+            let every = self.settings.background_every;
+            if changed || (every > 0 && index % every == 0) {
                 self.take_background(&episode.indenter, &mut backgrounds).await?;
             }
             let zero_mm = self.contact_zero(index, &episode.indenter, &backgrounds).await?;
@@ -174,7 +177,9 @@ impl Session<'_> {
         if let Some(zero_mm) = self.contact_zero_mm.get(indenter) {
             return Ok(*zero_mm);
         }
-        let (Some(settings), Some(background)) = (&self.settings.touch_off, &backgrounds.last) else { return Ok(0.0) };
+        let (Some(settings), Some(background)) = (&self.settings.touch_off, &backgrounds.last) else {
+            return Ok(self.settings.given_zero_mm);
+        };
         let over = self.trajectory.waypoints_of(episode)[0].pose;
         let contact = find_contact(self.bench, &over, background, settings, self.settings.still_rms)
             .await

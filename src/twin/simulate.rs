@@ -1,7 +1,7 @@
 //! Walks the tree of paths with an elastomer, and stops at every capture.
 
 use super::branches::{Branch, Root};
-use crate::elastomer::{self, Elastomer, ElastomerCapture, Pad, Settings};
+use crate::elastomer::{self, Elastomer, ElastomerCapture, Material, Pad, Settings};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use std::collections::BTreeMap;
@@ -18,6 +18,19 @@ pub struct Model {
     pub settings: Settings,
     /// Indenters by name.
     pub indenters: BTreeMap<String, Arc<dyn Indenter>>,
+}
+
+impl Model {
+    /// The pad's material with the overrides of the settings.
+    pub fn material(&self) -> Material {
+        let (own, set) = (self.pad.material, &self.settings);
+        Material {
+            law: set.law.unwrap_or(own.law),
+            youngs_modulus_mpa: set.youngs_modulus_mpa.unwrap_or(own.youngs_modulus_mpa),
+            poisson_ratio: set.poisson_ratio.unwrap_or(own.poisson_ratio),
+            ..own
+        }
+    }
 }
 
 /// The pad at a pose that captures want.

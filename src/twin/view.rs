@@ -1,13 +1,12 @@
 //! What the sensor's camera would see of a deformed pad.
 
 use crate::elastomer::{ElastomerCapture, Pad, Surface};
-use crate::image::RgbImage;
-use crate::optics::imaging;
-use crate::optics::reference::{self, Renderer};
-use crate::optics::sensor::{SensorOptics, TextureMode};
-use crate::optics::sensor_scene::{face, scene, texture_coordinate};
+use crate::image;
+use crate::optics::imager::{Background, Imager};
+use crate::optics::sensor::SensorOptics;
+use crate::optics::sensor_scene::texture_coordinate;
 use crate::optics::surface::DisplacedSurface;
-use crate::optics::{Error, Film, Texture};
+use crate::optics::{Error, reference};
 use std::time::{Duration, Instant};
 
 /// The camera's side of a twin.
@@ -19,26 +18,17 @@ pub struct View {
     pub settings: reference::Settings,
 }
 
-/// What the pad wears: the picture of the untouched sensor, and how it relates to the untouched simulation.
+/// The sensor with its pad wearing a picture of itself untouched (or nothing).
 #[derive(Debug, Clone)]
 pub struct Wear {
-    /// The untouched image as linear light.
-    texture: Option<Texture>,
-    /// The untouched simulation (texture mode `ratio`).
-    untouched: Option<Film>,
-    /// Factor from radiance to the scale of code values.
-    exposure: f32,
+    imager: Imager,
 }
 
 /// A simulated capture, as the camera would give it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
-    /// Width in pixels.
-    pub width: u32,
-    /// Height in pixels.
-    pub height: u32,
     /// 8-bit RGB, row 0 on top.
-    pub rgb: Vec<u8>,
+    pub image: image::Picture,
     /// Pad-frame height of the face, mm, on the same grid.
     pub depth_mm: Vec<f32>,
     /// Bounding box of the contact: x0, y0, x1, y1 (exclusive), pixels.
@@ -47,15 +37,12 @@ pub struct Picture {
     pub took: Duration,
 }
 
-/// Exposure where neither the sensor file nor an untouched image says anything.
-const EXPOSURE_WITHOUT_IMAGE: f32 = 0.35;
-
 impl View {
     /// Gets ready to wear an untouched image.
     ///
     /// # Errors
     /// When the image has another size than the sensor's camera, or the sensor cannot be rendered.
-    pub fn wear(&self, untouched: Option<&RgbImage>, pad: &Pad) -> Result<Wear, Error> {
+    pub fn wear(&self, untouched: Option<&image::Picture>, pad: &Pad) -> Result<Wear, Error> {
         let camera = &self.sensor.camera;
         if let Some(image) = untouched
             && (image.width as usize, image.height as usize) != (camera.width_px, camera.height_px)
@@ -69,45 +56,27 @@ impl View {
                 ),
             });
         }
-        let texture = untouched.map(|image| {
-            let linear = image.rgb.iter().map(|code| imaging::decode(*code, &self.sensor.image));
-            Texture::from_linear(image.width as usize, image.height as usize, linear)
+        let background = untouched.map(|image| Background {
+            width: image.width as usize,
+            height: image.height as usize,
+            rgb: &image.rgb,
         });
         let flat = DisplacedSurface::flat(2, 2, [pad.size_x_mm, pad.size_y_mm]);
-        let film = self.render(&flat, texture.as_ref())?;
-        let exposure = match (self.sensor.image.exposure, &texture) {
-            (Some(exposure), _) => exposure as f32,
-            (None, Some(texture)) => texture.mean().element_sum() / film.mean().element_sum().max(1e-12),
-            (None, None) => EXPOSURE_WITHOUT_IMAGE,
-        };
-        let is_ratio = self.sensor.texture == TextureMode::Ratio && texture.is_some();
-        Ok(Wear { texture, untouched: is_ratio.then_some(film), exposure })
+        Ok(Wear { imager: Imager::new(&self.sensor, self.settings, background, &flat)? })
     }
 
-    /// The picture of a deformed pad.
+    /// The picture of a deformed pad; `capture` numbers it, so that each has its own noise.
     ///
     /// # Errors
     /// When the face cannot be rendered.
     pub fn picture(&self, pad: &ElastomerCapture, wear: &Wear, capture: u32) -> Result<Picture, Error> {
         let begun = Instant::now();
-        let surface = displaced(&pad.surface);
-        let film = self.render(&surface, wear.texture.as_ref())?;
-        let image = &self.sensor.image;
-        let rgb = match (&wear.untouched, &wear.texture) {
-            (Some(untouched), Some(texture)) => {
-                imaging::develop(&relit(&film, untouched, texture), image, capture)
-            }
-            _ => imaging::expose(&film, image, wear.exposure, capture),
-        };
-        let depth_mm = crate::optics::depth::depth_map(&surface, &crate::optics::sensor_scene::camera_of(&self.sensor));
-        let (width, height) = (film.width as u32, film.height as u32);
+        let seen = wear.imager.picture(&displaced(&pad.surface), capture)?;
+        let camera = &self.sensor.camera;
+        let (width, height) = (camera.width_px as u32, camera.height_px as u32);
+        let image = image::Picture { width, height, rgb: seen.rgb };
         let contact_box_px = self.contact_box(pad, width, height);
-        Ok(Picture { width, height, rgb, depth_mm, contact_box_px, took: begun.elapsed() })
-    }
-
-    fn render(&self, surface: &DisplacedSurface, texture: Option<&Texture>) -> Result<Film, Error> {
-        let scene = scene(&self.sensor, &face(&self.sensor, surface), texture)?;
-        Ok(Renderer::new(&scene)?.render(&self.settings))
+        Ok(Picture { image, depth_mm: seen.depth_mm, contact_box_px, took: begun.elapsed() })
     }
 
     /// Name of the optics mode, for the record.
@@ -134,10 +103,11 @@ impl View {
             }
         }
         let margin = (CONTACT_MARGIN_MM / self.sensor.camera.mm_per_px) as f32;
-        let pixel = |uv: f32, size: u32, shift: f32| (uv * size as f32 + shift).clamp(0.0, size as f32) as u32;
+        let pixel =
+            |uv: f32, size: u32, shift: f32| (uv * size as f32 + shift).clamp(0.0, size as f32) as u32;
         let (x0, y0) = (pixel(low[0], width, -margin), pixel(low[1], height, -margin));
         let (x1, y1) = (pixel(high[0], width, margin), pixel(high[1], height, margin));
-        (x0 < x1 && y0 < y1 && low[0].is_finite()).then_some([x0, y0, x1, y1])
+        (low[0].is_finite() && x0 < x1 && y0 < y1).then_some([x0, y0, x1, y1])
     }
 }
 
@@ -153,14 +123,4 @@ fn displaced(surface: &Surface) -> DisplacedSurface {
         positions: surface.positions.clone(),
         rest_z: Vec::new(),
     }
-}
-
-/// The untouched image times the ratio of deformed to untouched light.
-fn relit(film: &Film, untouched: &Film, texture: &Texture) -> Film {
-    let mut lit = film.clone();
-    for (k, p) in lit.pixels.iter_mut().enumerate() {
-        let ratio = *p / untouched.pixels[k].max(glam::Vec3::splat(1e-6));
-        *p = texture.texel(k % film.width, k / film.width) * ratio;
-    }
-    lit
 }
