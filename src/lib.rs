@@ -70,6 +70,8 @@ pub mod dataset;
 pub mod device;
 pub mod plan;
 // Layer 3a: activities.
+// Layer 4a: configuration.
+pub mod config;
 pub mod session;
 pub mod twin;
 // Layer 3b: whole collections.
