@@ -5,9 +5,11 @@
 //! and the twin follow.
 
 pub mod axis;
+pub mod pose_map;
 pub mod profile;
 pub mod trajectory;
 
 pub use axis::{AxisKind, AxisLimits, LimitError};
+pub use pose_map::{AxisRole, Coordinate, PoseMap};
 pub use profile::Profile;
 pub use trajectory::{CaptureMark, Episode, Phase, Primitive, SlideDirection, Trajectory, Waypoint};
