@@ -70,7 +70,7 @@ pub fn main() -> ExitCode {
             Command::Check(args) => args.run(),
             Command::Simulate(args) => args.run().await,
             Command::Drive(args) => args.run().await,
-            Command::Devices(args) => args.run(),
+            Command::Devices(args) => args.run().await,
             Command::Home(args) => args.run().await,
             Command::Move(args) => args.run().await,
             Command::Capture(args) => args.run().await,
