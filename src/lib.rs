@@ -70,9 +70,9 @@ pub mod dataset;
 pub mod device;
 pub mod plan;
 // Layer 3a: activities.
-// Layer 4a: configuration.
-pub mod config;
 pub mod session;
 pub mod twin;
 // Layer 3b: whole collections.
 pub mod collection;
+// Layer 4a: configuration.
+pub mod config;
