@@ -74,8 +74,6 @@ pub mod session;
 pub mod twin;
 // Layer 3b: whole collections.
 pub mod collection;
-// Layer 4a: configuration.
-pub mod config;
 // Layer 4a: files to checked values.
 pub mod config;
 // Layer 4b: checked values to devices and a twin.
