@@ -4,7 +4,6 @@
 //! vivid presses its own fault buttons: they are controls, known by number.
 #![cfg(target_os = "linux")]
 
-use std::process::Command;
 use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 use twinrig::clock::{Clock, Timestamp};
@@ -16,6 +15,7 @@ use v4l::control::{Control, Value};
 const NODE: &str = "/dev/video0";
 const WITHIN: Duration = Duration::from_secs(10);
 
+const BRIGHTNESS: u32 = 0x0098_0900;
 // vivid's own controls.
 const TEST_PATTERN: u32 = 0x00f0_f000;
 const WRAP_TIMESTAMP: u32 = 0x00f0_f027;
@@ -25,8 +25,8 @@ const BUFFER_ERROR: u32 = 0x00f0_f042;
 const FATAL_ERROR: u32 = 0x00f0_f046;
 // Its test patterns.
 const COLOUR_BARS: i64 = 0;
-const BLACK: i64 = 6;
-const WHITE: i64 = 7;
+const BLACK: i64 = 5;
+const WHITE: i64 = 6;
 
 /// There is one camera: one test at a time.
 fn alone() -> MutexGuard<'static, ()> {
@@ -36,6 +36,7 @@ fn alone() -> MutexGuard<'static, ()> {
     press(PERCENTAGE_DROPPED, 0);
     press(WRAP_TIMESTAMP, 0);
     press(TEST_PATTERN, COLOUR_BARS);
+    press(BRIGHTNESS, 128);
     guard
 }
 
@@ -128,7 +129,7 @@ async fn every_format_decodes_to_the_same_picture() {
 #[tokio::test]
 async fn no_frame_from_before_the_change_is_ever_taken() {
     let _alone = alone();
-    let mut camera = V4lCamera::open(&settings("fourcc = \"YUYV\"")).expect("opens");
+    let mut camera = V4lCamera::open(&settings("fourcc = \"YUYV\"\nfps = 25")).expect("opens");
     let mut waits = Vec::new();
     for i in 0..10 {
         let (pattern, expected) = if i % 2 == 0 { (BLACK, 0) } else { (WHITE, 255) };
@@ -272,16 +273,7 @@ async fn an_unplugged_camera_is_lost_and_comes_back() {
     let lost = camera.frame_after(now(), WITHIN).await;
     assert!(matches!(lost, Err(CameraError::Lost { .. })), "{:?}", lost.map(|f| f.stamp));
     println!("{}", lost.err().expect("lost"));
-    let again = camera.frame_after(now(), WITHIN).await;
-    assert!(matches!(again, Err(CameraError::Lost { .. })), "{:?}", again.map(|f| f.stamp));
-
-    // Plugging in: the driver is loaded anew.
-    let run = |program: &str, arguments: &[&str]| {
-        let done = Command::new(program).args(arguments).output().expect("runs in the machine");
-        assert!(done.status.success(), "{program}: {}", String::from_utf8_lossy(&done.stderr));
-    };
-    run("rmmod", &["vivid"]);
-    run("modprobe", &["vivid", "n_devs=1", "node_types=0x1", "num_inputs=1", "input_types=0x0"]);
+    // vivid registers itself again when the last handle is closed: that is its plugging in.
     let frame = camera.frame_after(now(), WITHIN).await.expect("opened anew");
     assert_eq!(frame.width, 640);
     assert_eq!(camera.description().controls, [("brightness".to_owned(), 99)], "locked again");

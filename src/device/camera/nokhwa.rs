@@ -25,12 +25,15 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
-use std::time::Duration;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 /// Buffers that can hold frames from before.
 const BUFFERS: usize = 4;
 /// The rate asked for where the rig file asks for none, 1/s.
 const USUAL_RATE: u32 = 30;
+/// How long a closed camera is given to finish its frame.
+const PATIENCE: Duration = Duration::from_millis(500);
 /// Formats in order of preference, as nokhwa and as V4L2 name them.
 const FORMATS: [(FrameFormat, &str); 5] = [
     (FrameFormat::RAWRGB, "RGB3"),
@@ -45,6 +48,7 @@ pub struct NokhwaCamera {
     description: CameraDescription,
     queue: FrameQueue,
     stop: Arc<AtomicBool>,
+    thread: JoinHandle<()>,
 }
 
 impl NokhwaCamera {
@@ -55,7 +59,7 @@ impl NokhwaCamera {
         let (its_queue, its_stop, its_settings) = (queue.clone(), Arc::clone(&stop), settings.clone());
         let camera = settings.label();
         let refused = |why: String| CameraError::Open { camera: camera.clone(), why };
-        std::thread::Builder::new()
+        let thread = std::thread::Builder::new()
             .name("camera".into())
             .spawn(move || match start(&its_settings) {
                 Ok((device, description)) => {
@@ -70,7 +74,7 @@ impl NokhwaCamera {
             })
             .map_err(|e| refused(e.to_string()))?;
         match told.recv_timeout(settings.stall() + Duration::from_secs(5)) {
-            Ok(opened) => Ok(Self { description: opened?, queue, stop }),
+            Ok(opened) => Ok(Self { description: opened?, queue, stop, thread }),
             Err(_) => Err(refused("it does not answer".into())),
         }
     }
@@ -79,6 +83,11 @@ impl NokhwaCamera {
 impl Drop for NokhwaCamera {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
+        // The thread looks up after each frame; one that waits for a frame in vain is left behind.
+        let patience = Instant::now();
+        while !self.thread.is_finished() && patience.elapsed() < PATIENCE {
+            std::thread::sleep(Duration::from_millis(5));
+        }
     }
 }
 
