@@ -3,19 +3,21 @@
 //! The frame of an indenter has its lowest point (the tip) at the origin's height and its body
 //! towards +z; x and y are those of the pad at zero rotation. Points are `DVec3` in mm.
 //!
-//! [`spec`] is the file format, [`build`](mod@self) makes a [`solid`] of plane [`outline`]s from it.
-//! Whoever needs an indenter calls [`from_spec`].
+//! [`spec`] is the file format, [`build`](mod@self) makes a [`solid`] of plane [`outline`]s from it,
+//! [`stl`] loads a mesh instead. Whoever needs an indenter calls [`from_spec`].
 
 mod build;
 pub mod outline;
 pub mod solid;
 pub mod spec;
+pub mod stl;
 
 pub use spec::IndenterSpec;
 
 use crate::problem::{Problem, Problems};
 use glam::{DVec2, DVec3};
 use solid::Solid;
+use spec::Shape;
 use std::sync::Arc;
 
 /// A rigid indenter.
@@ -38,7 +40,7 @@ pub trait Indenter: Send + Sync + std::fmt::Debug {
 }
 
 /// Why an indenter could not be made.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// Numbers in the file make no sense.
     #[error("indenter {name}: {}", list(.problems))]
@@ -60,6 +62,24 @@ pub enum Error {
         /// The largest that fits.
         largest_mm: f64,
     },
+    /// The mesh is defective.
+    #[error("indenter {name}: {source}")]
+    Stl {
+        /// Which.
+        name: String,
+        /// File and defect.
+        source: stl::Error,
+    },
+    /// Rounding is a property of parametric solids.
+    #[error(
+        "indenter {name}: the edges of a mesh cannot be rounded (edge_round_mm = {edge_round_mm}); round them in the STL file and set edge_round_mm = 0 for this indenter"
+    )]
+    RoundOnMesh {
+        /// Which.
+        name: String,
+        /// The round asked for.
+        edge_round_mm: f64,
+    },
 }
 
 fn list(problems: &[Problem]) -> String {
@@ -70,7 +90,7 @@ fn list(problems: &[Problem]) -> String {
 /// Makes an indenter from its file; `edge_round_mm` replaces the file's own where it is given.
 ///
 /// # Errors
-/// When the spec does not pass its check, or the round does not fit.
+/// When the spec does not pass its check, the round does not fit, or the mesh is no closed solid.
 pub fn from_spec(
     name: &str,
     spec: &IndenterSpec,
@@ -82,6 +102,13 @@ pub fn from_spec(
     spec.check(&mut problems);
     if !problems.is_empty() {
         return Err(Error::Spec { name: name.to_owned(), problems: problems.into_vec() });
+    }
+    if let Shape::Stl { path, unit, tip, centre } = &spec.shape {
+        if spec.edge_round_mm > 0.0 {
+            return Err(Error::RoundOnMesh { name: name.to_owned(), edge_round_mm: spec.edge_round_mm });
+        }
+        let mesh = stl::load(name, path, *unit, *tip, *centre);
+        return Ok(Arc::new(mesh.map_err(|source| Error::Stl { name: name.to_owned(), source })?));
     }
     let solid = build::solid(&spec, spec.edge_round_mm).map_err(|e| Error::RoundTooLarge {
         name: name.to_owned(),

@@ -19,6 +19,7 @@ pub mod conformance;
 pub mod deframe;
 pub mod emulation;
 pub mod encode;
+pub mod engine;
 pub mod spec;
 pub mod template;
 pub mod value;
@@ -28,6 +29,9 @@ pub use classify::{Reply, classify, state_of};
 pub use deframe::{Deframer, Unit};
 pub use emulation::EmulatorSpec;
 pub use encode::{EncodeError, encode};
+pub use engine::{
+    AxisWire, Engine, Event, Failure, Outcome, Output, Reading, Request, StopKind, Ticket, Which,
+};
 pub use spec::{Spec, SpecError};
 pub use template::Template;
 pub use value::{Bytes, Fields, Pattern, Value};

@@ -16,7 +16,7 @@ pub(super) struct RoundTooLarge {
     pub largest_mm: f64,
 }
 
-/// The solid of a parametric spec with edges rounded by `round`. Meshes are not built here.
+/// The solid of a parametric shape with edges rounded by `round`. Meshes never come here.
 pub(super) fn solid(spec: &IndenterSpec, round: f64) -> Result<Solid, RoundTooLarge> {
     let height = spec.height_mm;
     let upright = |plan: &Outline, z0: f64, z1: f64| {
@@ -68,6 +68,7 @@ pub(super) fn solid(spec: &IndenterSpec, round: f64) -> Result<Solid, RoundTooLa
                 (upright(&touching, 0.0, joint)?, upright(&standing_on, *ridge_height_mm, height)?);
             Ok(Solid::Union(vec![lower, upper]))
         }
+        Shape::Stl { .. } => unreachable!("from_spec loads meshes itself"),
     }
 }
 

@@ -5,6 +5,7 @@
 
 use crate::problem::Problems;
 use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
 
 /// One file of `rig_configs/indenters/`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -108,6 +109,19 @@ pub enum Shape {
         /// Height of the lower (touching) layer.
         ridge_height_mm: f64,
     },
+    /// A watertight mesh from a file.
+    Stl {
+        /// The file; relative to this one.
+        path: PathBuf,
+        /// Unit of its coordinates (STL does not say).
+        unit: LengthUnit,
+        /// Which end of the mesh's z axis touches the pad.
+        #[serde(default)]
+        tip: TipEnd,
+        /// What becomes x = y = 0.
+        #[serde(default)]
+        centre: Centre,
+    },
 }
 
 /// A plan of a flat face.
@@ -174,7 +188,73 @@ pub enum Plan {
     },
 }
 
+/// Unit of an STL file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LengthUnit {
+    /// Millimetres.
+    #[serde(rename = "mm")]
+    Millimetre,
+    /// Metres.
+    #[serde(rename = "m")]
+    Metre,
+    /// Inches.
+    #[serde(rename = "inch")]
+    Inch,
+}
+
+impl LengthUnit {
+    /// As the file writes it.
+    pub fn name(self) -> &'static str {
+        match self {
+            LengthUnit::Millimetre => "mm",
+            LengthUnit::Metre => "m",
+            LengthUnit::Inch => "inch",
+        }
+    }
+
+    /// Millimetres in one of these.
+    pub fn in_mm(self) -> f64 {
+        match self {
+            LengthUnit::Millimetre => 1.0,
+            LengthUnit::Metre => 1000.0,
+            LengthUnit::Inch => 25.4,
+        }
+    }
+}
+
+/// The touching end of a mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum TipEnd {
+    /// The highest point, as for features modelled on top of a base; the mesh is turned over about x.
+    #[default]
+    #[serde(rename = "+z")]
+    PlusZ,
+    /// The lowest point.
+    #[serde(rename = "-z")]
+    MinusZ,
+}
+
+/// What becomes the axis of a mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Centre {
+    /// The middle of its bounding box.
+    #[default]
+    Bounds,
+    /// Its own origin.
+    Origin,
+}
+
 impl IndenterSpec {
+    /// Makes a relative STL path relative to `folder` (that of the indenter file).
+    pub fn resolve(&mut self, folder: &Path) {
+        if let Shape::Stl { path, .. } = &mut self.shape
+            && path.is_relative()
+        {
+            *path = folder.join(&*path);
+        }
+    }
+
     /// Reports every number that makes no sense.
     pub fn check(&self, problems: &mut Problems) {
         problems.range("edge_round_mm", self.edge_round_mm, 0.0, 5.0, "mm");
@@ -247,6 +327,16 @@ impl Shape {
                 check_stripes(p, *count, *width_mm, *length_mm, *pitch_mm);
                 length(p, "ridge_height_mm", *ridge_height_mm);
                 less(p, "ridge_height_mm", *ridge_height_mm, "height_mm", height_mm);
+            }
+            Shape::Stl { path, .. } => {
+                if path.as_os_str().is_empty() {
+                    p.push(
+                        "path",
+                        "\"\"",
+                        "the path of an STL file",
+                        "name the file, relative to the indenter file",
+                    );
+                }
             }
         }
     }

@@ -14,6 +14,8 @@ pub struct Reply {
     pub role: Role,
     /// What it carried.
     pub fields: Fields,
+    /// The line as received, or a frame's payload in hex.
+    pub raw: String,
 }
 
 impl Reply {
@@ -62,7 +64,7 @@ fn classify_line(spec: &Spec, text: &[u8], awaited: &[&str]) -> Vec<Reply> {
         if let Some(split) = &rx.split {
             split_field(split, &mut fields);
         }
-        replies.push(reply(rx, fields));
+        replies.push(reply(rx, fields, String::from_utf8_lossy(text).into_owned()));
         return replies;
     }
     Vec::new()
@@ -94,16 +96,16 @@ fn classify_frame(spec: &Spec, header: &Fields, payload: &[u8], awaited: &[&str]
             fields.insert(field.name.clone(), take(&payload[at..end], field.kind, endian));
             at = end;
         }
-        return vec![reply(rx, fields)];
+        return vec![reply(rx, fields, super::value::hex(payload))];
     }
     Vec::new()
 }
 
-fn reply(rx: &RxSpec, fields: Fields) -> Reply {
+fn reply(rx: &RxSpec, fields: Fields, raw: String) -> Reply {
     let refused = !rx.nack_when.is_empty()
         && rx.nack_when.iter().all(|(name, want)| fields.get(name).is_some_and(|v| v.to_text() == *want));
     let role = if refused { Role::Nack } else { rx.role };
-    Reply { class: rx.class.clone(), role, fields }
+    Reply { class: rx.class.clone(), role, fields, raw }
 }
 
 /// The device's state, where the fields of a reply tell it. The sub-state is given with it.

@@ -127,6 +127,9 @@ impl Check<'_> {
         if spec.flow.mode == FlowMode::IdMatched && spec.flow.id.is_none() {
             self.push(&["flow", "mode"], "matched ids need [flow.id]".to_owned());
         }
+        if let Some(name) = &spec.flow.resync {
+            self.command(&["flow", "resync"], name);
+        }
         if let Some(reset) = &spec.flow.reset {
             self.realtime(&["flow", "reset"], reset);
         }
@@ -135,6 +138,7 @@ impl Check<'_> {
         }
         if let Some(numbering) = spec.line.as_ref().and_then(|l| l.numbering.as_ref()) {
             self.class(&["line", "numbering", "resend"], &numbering.resend);
+            self.command(&["line", "numbering", "reset"], &numbering.reset);
         }
         if let Some(keepalive) = &spec.keepalive {
             self.command(&["keepalive", "command"], &keepalive.command);

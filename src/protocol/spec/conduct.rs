@@ -200,7 +200,7 @@ pub struct Step {
     /// How often the step is begun again when its time is up.
     #[serde(default)]
     pub retry: u32,
-    /// Going on when the time is up is right, too.
+    /// Going on when the time is up, or when the device refuses, is right, too.
     #[serde(default)]
     pub optional: bool,
     /// The device answers nothing while this runs: do not ask it anything.

@@ -136,8 +136,8 @@ pub enum ChecksumRx {
 pub struct Numbering {
     /// A numbered line, from `{n}` and `{body}`.
     pub line: Template,
-    /// Body of the line that sets the counter to `{n}`; sent as line `{n}`.
-    pub reset: Template,
+    /// Command that sets the counter to its field `n`; sent as line `n`.
+    pub reset: String,
     /// Class that asks for a line again.
     pub resend: String,
     /// Its group that names the line.
@@ -315,6 +315,9 @@ pub struct FlowSpec {
     pub reset: Option<String>,
     /// The banner's class: after a reset every reply is ignored until it comes.
     pub after_reset: Option<String>,
+    /// A harmless command that `needs` data of its own: sent after a lost reply, so that a late reply
+    /// cannot be taken for the next command's.
+    pub resync: Option<String>,
     /// Message ids, for `id_matched`.
     pub id: Option<MessageId>,
 }
@@ -345,6 +348,8 @@ pub struct MessageId {
     pub min: u32,
     /// Last id before it begins again.
     pub max: u32,
+    /// The id of stops.
+    pub urgent: u32,
 }
 
 /// `[axis]`: how an axis is named and how its numbers are written.
