@@ -17,6 +17,11 @@ use glam::DVec3;
 /// Penetration beyond which the nearest side of the indenter is not trusted, mm.
 const DEEP_MM: f64 = 0.02;
 
+/// Friction coefficient beyond which a sticking point peels off: pads do not hold by an edge under no
+/// pressure, and released one by one such points would unzip for hundreds of solves. Found by experiment:
+/// forces of slides and turns do not notice.
+const PEEL_COEFFICIENT: f64 = 20.0;
+
 /// Where a point holds on to the indenter.
 #[derive(Debug, Clone, Copy)]
 pub struct Anchor {
@@ -38,6 +43,9 @@ struct Sample {
     /// Normal multiplier, MPa.
     multiplier: f64,
     anchor: Option<Anchor>,
+    /// Let go in this increment: the point stays without anchor until the increment ends, or it could
+    /// hold and slip in turn for ever.
+    let_go: bool,
     /// Gap and position in the indenter's frame at the last evaluation, and the pressure there.
     gap: f64,
     seen: DVec3,
@@ -121,6 +129,7 @@ impl Contacts {
                         rest: DVec3::new(x, y, 0.0),
                         multiplier: 0.0,
                         anchor: None,
+                        let_go: false,
                         gap: f64::INFINITY,
                         seen: DVec3::ZERO,
                         pressure: 0.0,
@@ -315,6 +324,7 @@ impl Contacts {
         for s in &mut samples {
             s.old_u = self.value(u, s.cell, s.sub);
             s.entry = None;
+            s.let_go = false;
             let p = s.rest + s.old_u;
             let end = to.to_indenter(p);
             if s.anchor.is_some() || end.z < 0.0 || end.x.abs() > hx || end.y.abs() > hy {
@@ -359,8 +369,15 @@ impl Contacts {
                 Friction::Infinite => f64::INFINITY,
                 Friction::Coefficient(mu) => mu * s.pressure,
             };
-            if s.pressure == 0.0 {
+            // A point that would need more than this much friction peels rather than holds.
+            let peels = s.anchor.as_ref().is_some_and(|a| {
+                let d = s.seen - a.at;
+                let d = d - a.normal * a.normal.dot(d);
+                bound.is_infinite() && self.stiffness * d.length() > PEEL_COEFFICIENT * s.pressure
+            });
+            if s.pressure == 0.0 || peels {
                 if s.anchor.take().is_some() {
+                    s.let_go = true;
                     out.events += 1;
                 }
             } else if let Some(anchor) = &mut s.anchor {
@@ -369,7 +386,7 @@ impl Contacts {
                     total += bound;
                     anchor.bound = bound;
                 }
-            } else {
+            } else if !s.let_go {
                 s.anchor = Some(self.touch(s, indenter, pose, old_pose, u, bound));
                 out.events += 1;
             }
@@ -406,6 +423,15 @@ impl Contacts {
     /// Ends an increment: anchors of sliding points follow, so that their spring carries the bound.
     pub fn end_increment(&mut self, indenter: &dyn Indenter) {
         for s in &mut self.samples {
+            if s.let_go && s.pressure > 0.0 {
+                // Touching again: it holds where it is, without traction.
+                let (_, normal) = indenter.distance_and_normal(s.seen);
+                let bound = match self.friction {
+                    Friction::Infinite => f64::INFINITY,
+                    Friction::Coefficient(mu) => mu * s.pressure,
+                };
+                s.anchor = Some(Anchor { at: s.seen - normal * s.gap, normal, bound });
+            }
             let Some(anchor) = &mut s.anchor else { continue };
             let d = s.seen - anchor.at;
             let d = d - anchor.normal * anchor.normal.dot(d);

@@ -239,6 +239,7 @@ impl Newton {
         let slope0 = dot(residual, &self.step);
         let norm0 = dot(residual, residual);
         let (mut low, mut slope_low, mut high) = (0.0, slope0, None::<(f64, f64)>);
+        let mut moved_low = false;
         let mut alpha = 1.0;
         let mut trial = std::mem::take(&mut self.trial);
         let mut trial_residual = std::mem::take(&mut self.trial_residual);
@@ -254,23 +255,30 @@ impl Newton {
             }
             let slope = dot(&trial_residual, &self.step);
             let norm = dot(&trial_residual, &trial_residual);
-            let done = slope.abs() <= 0.5 * slope0.abs() || (attempt == 0 && norm < 0.25 * norm0);
+            // A full step that does not overshoot is good; a shorter one must have come near the minimum.
+            let short = if attempt == 0 { 1.0 } else { 0.7 };
+            let inside = slope <= 0.5 * slope0.abs() && slope >= short * slope0;
+            let done = inside || (attempt == 0 && norm < 0.25 * norm0);
             if done || attempt == 11 {
                 found = Some(state);
                 break;
             }
+            // Regula falsi in the Illinois form: an end that stays halves its weight.
             if slope < 0.0 {
-                (low, slope_low) = (alpha, slope);
+                if let (Some((_, s)), true) = (&mut high, moved_low) {
+                    *s *= 0.5;
+                }
+                (low, slope_low, moved_low) = (alpha, slope, true);
             } else {
+                if high.is_some() && !moved_low {
+                    slope_low *= 0.5;
+                }
                 high = Some((alpha, slope));
+                moved_low = false;
             }
             alpha = match high {
                 None => (2.0 * alpha).min(8.0),
-                Some((h, s)) => {
-                    // Regula falsi, kept away from the ends.
-                    let t = slope_low / (slope_low - s);
-                    low + (h - low) * t.clamp(0.1, 0.9)
-                }
+                Some((h, s)) => low + (h - low) * (slope_low / (slope_low - s)).clamp(0.05, 0.95),
             };
         }
         if found.is_some() {
