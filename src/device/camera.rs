@@ -3,6 +3,10 @@
 //! A buffered frame from before the press is the classic silent fault of such benches, so a source
 //! never counts frames: it compares exposure stamps. What a frame is: [`crate::frame::Frame`].
 
+pub mod controls;
+pub mod formats;
+pub mod settings;
+
 use crate::clock::Timestamp;
 use crate::frame::Frame;
 use serde::{Deserialize, Serialize};

@@ -127,11 +127,18 @@ impl Check<'_> {
         if spec.flow.mode == FlowMode::IdMatched && spec.flow.id.is_none() {
             self.push(&["flow", "mode"], "matched ids need [flow.id]".to_owned());
         }
+        if let Some(name) = &spec.flow.resync {
+            self.command(&["flow", "resync"], name);
+        }
+        if let Some(reset) = &spec.flow.reset {
+            self.realtime(&["flow", "reset"], reset);
+        }
         if let Some(banner) = &spec.flow.after_reset {
             self.class(&["flow", "after_reset"], banner);
         }
         if let Some(numbering) = spec.line.as_ref().and_then(|l| l.numbering.as_ref()) {
             self.class(&["line", "numbering", "resend"], &numbering.resend);
+            self.command(&["line", "numbering", "reset"], &numbering.reset);
         }
         if let Some(keepalive) = &spec.keepalive {
             self.command(&["keepalive", "command"], &keepalive.command);
@@ -163,6 +170,9 @@ impl Check<'_> {
             match cmd.reply.as_str() {
                 "ack" | "none" => {}
                 class => self.class(&path, class),
+            }
+            if let Some(class) = &cmd.needs {
+                self.class(&["cmd", name, "needs"], class);
             }
             let binary = !cmd.header.is_empty() || !cmd.payload.is_empty();
             if spec.is_line() && (cmd.tx.is_none() || binary) {
