@@ -217,7 +217,7 @@ async fn camera(
         (CameraSource::Virtual, Some(world)) => {
             Ok(Box::new(VirtualCamera::new(&rig.camera, look(rig, sensor), world.clone(), clock)))
         }
-        _ => Err(CameraError::Open { camera: "any".into(), why: "no".into() }),
+        _ => crate::device::camera::open::open(&rig.camera, clock).await,
     }
 }
 
