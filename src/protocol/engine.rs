@@ -17,6 +17,8 @@ mod position;
 mod task;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod transcripts;
 
 use super::classify::{Reply, classify, state_of};
 use super::deframe::{Deframer, Unit};
