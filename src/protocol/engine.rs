@@ -646,8 +646,10 @@ impl Engine {
             Some(f) => (f.text, f.trust, f.recover, f.mutes),
             None => ("an alarm the protocol file does not know".to_owned(), Trust::Lost, None, false),
         };
-        self.states.fill(Some(MotionState::Alarm));
-        self.state_reports += 1;
+        if self.spec.state.is_some() {
+            self.states.fill(Some(MotionState::Alarm));
+            self.state_reports += 1;
+        }
         self.mute = mutes;
         self.events.push(Event::Alarm { code: code.clone(), text: text.clone() });
         if trust == Trust::Lost {

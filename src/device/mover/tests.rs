@@ -45,11 +45,11 @@ fn settings(protocol: &str, axes: &[(&str, AxisSettings)]) -> MoverSettings {
     }
 }
 
-fn grbl() -> MoverSettings {
+pub(super) fn grbl() -> MoverSettings {
     settings("grbl", &[("slide", axis("X", -50.0, -1.0)), ("spin", axis("Y", -50.0, -1.0))])
 }
 
-fn marlin() -> MoverSettings {
+pub(super) fn marlin() -> MoverSettings {
     settings("marlin", &[("x", axis("X", 0.0, 200.0)), ("z", axis("Z", 0.0, 200.0))])
 }
 
@@ -64,21 +64,24 @@ fn device(settings: &MoverSettings, clock: Clock, plan: FaultPlan) -> (SharedDev
     (Arc::new(Mutex::new(Faulty::new(emulator, plan, now))), world)
 }
 
-async fn connect(settings: MoverSettings, plan: FaultPlan) -> Result<Bench, MoverError> {
+/// An emulator with faults, and the attempt to connect to it.
+pub(super) async fn try_connect(
+    settings: MoverSettings,
+    plan: FaultPlan,
+) -> (SharedDevice, World, Clock, Result<Mover, MoverError>) {
     let clock = Clock::real_time();
     let (device, world) = device(&settings, clock, plan);
     let (near, far) = tokio::io::duplex(4096);
     let served = device.clone();
     tokio::spawn(async move { serve(far, &served, clock).await });
     let spec = shipped(&settings.protocol);
-    let options = LinkOptions {
-        log: std::env::var("PORT_LOG")
-            .ok()
-            .map(|p| crate::device::byte_log::ByteLog::create(p.as_ref()).unwrap()),
-        urgent: None,
-    };
-    let mover = Mover::connect_with(near, spec, settings, clock, options).await?;
-    Ok(Bench { mover, device, world, clock })
+    let mover = Mover::connect(near, spec, settings, clock).await;
+    (device, world, clock, mover)
+}
+
+async fn connect(settings: MoverSettings, plan: FaultPlan) -> Result<Bench, MoverError> {
+    let (device, world, clock, mover) = try_connect(settings, plan).await;
+    Ok(Bench { mover: mover?, device, world, clock })
 }
 
 async fn homed(settings: MoverSettings) -> Bench {
