@@ -63,6 +63,8 @@ pub enum Dialect {
     Grbl(GrblEmulation),
     /// Marlin and its vendors' trees.
     Marlin(MarlinEmulation),
+    /// Zaber ASCII.
+    ZaberAscii(ZaberEmulation),
 }
 
 /// A member of the GRBL family.
@@ -97,6 +99,12 @@ pub struct GrblEmulation {
     /// What grblHAL does otherwise.
     #[serde(default)]
     pub hal: bool,
+    /// grblHAL's answer to `$EA`, each `number=text`.
+    #[serde(default)]
+    pub alarm_texts: Vec<String>,
+    /// grblHAL's answer to `$EE`.
+    #[serde(default)]
+    pub error_texts: Vec<String>,
 }
 
 fn default_alarm_delay_ms() -> u64 {
@@ -145,4 +153,14 @@ pub struct MarlinEmulation {
     pub position_waits: bool,
     /// Feed of homing by axis letter, mm/s.
     pub homing_feed: BTreeMap<String, f64>,
+}
+
+/// A chain of Zaber devices.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ZaberEmulation {
+    /// Settings of a device: what `get` answers.
+    pub settings: BTreeMap<String, String>,
+    /// Settings of an axis, besides `pos`, `maxspeed`, `accel` and the limits.
+    pub axis_settings: BTreeMap<String, String>,
 }

@@ -18,9 +18,12 @@ mod grbl;
 mod marlin;
 mod motors;
 mod outbox;
+#[cfg(test)]
+mod pitfalls;
 mod planner;
 #[cfg(test)]
 mod replay;
+mod zaber;
 
 use super::world::World;
 use crate::clock::Timestamp;
@@ -121,6 +124,7 @@ impl Emulator {
             Dialect::Grbl(spec) => {
                 Box::new(grbl::Grbl::new(spec, options, motors, outbox, !axes.is_empty(), now)?)
             }
+            Dialect::ZaberAscii(spec) => Box::new(zaber::Zaber::new(spec, options, motors, outbox, now)?),
             Dialect::Marlin(spec) => Box::new(marlin::Marlin::new(spec, options, motors, outbox, now)?),
         };
         Ok(Self { firmware, now })

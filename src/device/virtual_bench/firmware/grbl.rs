@@ -113,7 +113,7 @@ impl Grbl {
         let letters: Vec<u8> = motors.iter().filter_map(|m| m.wire.bytes().next()).collect();
         let mut grbl = Self {
             planner: Planner::new(spec.planner_blocks),
-            program: Program::new(&letters, spec.coordinate_systems.len()),
+            program: Program::new(&letters, spec.coordinate_systems.len(), spec.hal),
             cadence: Cadence::after_reset(spec.hal),
             state: State::Idle,
             waiting: Waiting::Nothing,
@@ -507,6 +507,15 @@ impl Grbl {
                 lines.iter().for_each(|l| self.say(l));
             }
             b"I" => self.spec.identify.clone().iter().for_each(|l| self.say(l)),
+            b"EA" | b"EE" if self.spec.hal => {
+                let (name, texts) = match line {
+                    b"EA" => ("ALARMCODE", self.spec.alarm_texts.clone()),
+                    _ => ("ERRORCODE", self.spec.error_texts.clone()),
+                };
+                for (number, text) in texts.iter().filter_map(|t| t.split_once('=')) {
+                    self.say(&format!("[{name}:{number}||{text}]"));
+                }
+            }
             b"N" => ["$N0=", "$N1="].iter().for_each(|l| self.say(l)),
             b"H" => self.home(),
             b"SLP" => {
@@ -684,11 +693,7 @@ impl Firmware for Grbl {
 
     fn restart(&mut self, now: Timestamp) {
         self.t = now;
-        self.motors.halt(now);
-        for i in 0..self.motors.count() {
-            self.motors.redefine(i, now, 0.0);
-        }
-        self.motors.iter_mut().for_each(|m| m.referenced = false);
+        self.motors.power_up(now);
         self.ok_owed = false;
         self.state = if self.settings.is_on(22) { State::Alarm } else { State::Idle };
         self.start_up();

@@ -530,11 +530,7 @@ impl Firmware for Marlin {
 
     fn restart(&mut self, now: Timestamp) {
         self.t = now;
-        self.motors.halt(now);
-        for i in 0..self.motors.count() {
-            self.motors.redefine(i, now, 0.0);
-        }
-        self.motors.iter_mut().for_each(|m| m.referenced = false);
+        self.motors.power_up(now);
         self.planner.clear();
         self.rx.clear();
         self.line.clear();

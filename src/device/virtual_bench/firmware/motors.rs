@@ -33,6 +33,8 @@ pub struct Motor {
     pub referenced: bool,
     key: String,
     slip: f64,
+    /// Until then the counter stands still although the axis runs out.
+    frozen: (Timestamp, f64),
 }
 
 impl Motor {
@@ -92,6 +94,7 @@ impl Motors {
                 referenced: false,
                 key: format!("wire {}", spec.wire),
                 slip: 0.0,
+                frozen: (Timestamp(i64::MIN), 0.0),
             };
             if let Some((name, axis)) = wired {
                 motor.key = name.clone();
@@ -122,6 +125,11 @@ impl Motors {
         &self.axes[i]
     }
 
+    /// One axis, to change its limits and feeds.
+    pub fn axis_mut(&mut self, i: usize) -> &mut Motor {
+        &mut self.axes[i]
+    }
+
     /// All axes, in the firmware's order.
     pub fn iter(&self) -> impl Iterator<Item = &Motor> {
         self.axes.iter()
@@ -139,7 +147,10 @@ impl Motors {
 
     /// What the firmware counts.
     pub fn position(&self, i: usize, t: Timestamp) -> f64 {
-        self.true_position(i, t) - self.axes[i].slip
+        match self.axes[i].frozen {
+            (until, counter) if t < until => counter,
+            _ => self.true_position(i, t) - self.axes[i].slip,
+        }
     }
 
     /// What the firmware counts, for all axes.
@@ -217,21 +228,31 @@ impl Motors {
     /// Stops the pulses at once. The counters stay where they are; what moves runs out, so true
     /// positions are lost for every axis that was moving.
     pub fn halt(&mut self, t: Timestamp) {
-        for i in 0..self.count() {
-            if self.velocity(i, t) != 0.0 {
-                let counter = self.axes[i].snap(self.position(i, t));
-                let rest = self.world.stop(&self.device, &self.axes[i].key, t);
-                self.axes[i].slip = self.true_position(i, rest) - counter;
-                self.axes[i].referenced = false;
-            }
+        (0..self.count()).for_each(|i| self.halt_one(i, t));
+    }
+
+    /// As [`Motors::halt`], for one axis.
+    pub fn halt_one(&mut self, i: usize, t: Timestamp) {
+        if self.velocity(i, t) != 0.0 {
+            let counter = self.axes[i].snap(self.position(i, t));
+            self.halt_at(i, t, counter);
+            self.axes[i].referenced = false;
         }
     }
 
-    /// Stops the pulses at once and freezes the axes where they are, counter included.
-    pub fn freeze(&mut self, t: Timestamp) {
+    /// Lets an axis run out while its counter says `counter`.
+    fn halt_at(&mut self, i: usize, t: Timestamp, counter: f64) {
+        let rest = self.world.stop(&self.device, &self.axes[i].key, t);
+        self.axes[i].slip = self.true_position(i, rest) - counter;
+        self.axes[i].frozen = (rest, counter);
+    }
+
+    /// What switching on again does: nothing moves, and every counter starts from zero wherever its
+    /// axis is.
+    pub fn power_up(&mut self, t: Timestamp) {
         for i in 0..self.count() {
-            let at = self.axes[i].snap(self.position(i, t));
-            self.follow(i, t, Profile::at_rest(at));
+            self.halt_at(i, t, 0.0);
+            self.axes[i].referenced = false;
         }
     }
 

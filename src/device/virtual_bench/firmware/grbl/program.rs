@@ -88,6 +88,8 @@ pub struct Program {
     systems: Vec<Vec<f64>>,
     g92: Vec<f64>,
     tool_length: f64,
+    /// grblHAL knows more modal words.
+    hal: bool,
 }
 
 #[derive(Debug, Default)]
@@ -109,7 +111,7 @@ impl Words {
 
 impl Program {
     /// The state after a reset, for axes of these letters.
-    pub fn new(letters: &[u8], systems: usize) -> Self {
+    pub fn new(letters: &[u8], systems: usize, hal: bool) -> Self {
         let zeros = vec![0.0; letters.len()];
         Self {
             letters: letters.to_vec(),
@@ -123,13 +125,14 @@ impl Program {
             systems: vec![zeros.clone(); systems.max(6)],
             g92: zeros,
             tool_length: 0.0,
+            hal,
         }
     }
 
     /// What a soft reset does: work coordinate systems survive, everything else does not.
     pub fn reset(&mut self) {
         let systems = std::mem::take(&mut self.systems);
-        *self = Self { systems, ..Self::new(&self.letters, 0) };
+        *self = Self { systems, ..Self::new(&self.letters, 0, self.hal) };
         let axes = self.letters.len();
         self.systems.iter_mut().for_each(|s| s.resize(axes, 0.0));
     }
@@ -268,7 +271,8 @@ impl Program {
                     self.wcs = usize::from(g / 10 - 54);
                 }
                 591..=593 if usize::from(g - 585) < self.systems.len() => self.wcs = usize::from(g - 585),
-                40 | 400 | 490 | 610 | 911 => {}
+                40 | 400 | 490 | 610 => {}
+                500 | 980 | 990 if self.hal => {}
                 100 | 280 | 300 | 281 | 301 | 920 | 921 => {
                     if claim.replace(*g).is_some() {
                         return Err(code::AXIS_COMMANDS);
@@ -399,7 +403,7 @@ mod tests {
     use super::*;
 
     fn program() -> Program {
-        Program::new(b"XYZ", 6)
+        Program::new(b"XYZ", 6, false)
     }
 
     #[test]
