@@ -61,7 +61,9 @@ async fn session(
         // It is the same in every run; a run with faults cannot be asked for it.
         zero = match origin {
             Some(zero) => zero,
-            None => world.position("stage", name, clock.now()) - mover.position().await.unwrap()[index].position,
+            None => {
+                world.position("stage", name, clock.now()) - mover.position().await.unwrap()[index].position
+            }
         };
         for target in targets {
             match mover.move_to(&[(name, target)], 8.0).await {
@@ -69,7 +71,10 @@ async fn session(
                     let truth = world.position("stage", name, clock.now()) - zero;
                     let told = reached.measured[index].position;
                     assert!((told - target).abs() <= 0.0101, "told {told} for {target}: {tried}");
-                    assert!(!lossless || (truth - target).abs() < 0.02, "truth {truth} for {target}: {tried}");
+                    assert!(
+                        !lossless || (truth - target).abs() < 0.02,
+                        "truth {truth} for {target}: {tried}"
+                    );
                     if reached.recoveries > 0 {
                         ended = ended.max(Ended::Recovered);
                     }
@@ -91,14 +96,17 @@ async fn session(
 }
 
 fn sweep(settings: MoverSettings, targets: [f64; 3], every: u64) -> BTreeMap<Ended, usize> {
-    let runtime = || tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
-    let (clean, replies, _, zero) = runtime().block_on(session(settings.clone(), targets, FaultPlan::none(), None));
+    let runtime =
+        || tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
+    let (clean, replies, _, zero) =
+        runtime().block_on(session(settings.clone(), targets, FaultPlan::none(), None));
     assert_eq!(clean, Ended::Clean);
     let mut outcomes = BTreeMap::new();
     for what in FaultKind::all() {
         for at in (0..replies).step_by(every as usize) {
             let plan = FaultPlan::one(Trigger::Reply(at), what.clone());
-            let (ended, _, struck, _) = runtime().block_on(session(settings.clone(), targets, plan, Some(zero)));
+            let (ended, _, struck, _) =
+                runtime().block_on(session(settings.clone(), targets, plan, Some(zero)));
             if struck > 0 {
                 *outcomes.entry(ended).or_insert(0) += 1;
             }
