@@ -360,6 +360,42 @@ async fn a_port_that_says_nothing_is_an_error_that_says_so() {
     }
 }
 
+#[tokio::test(start_paused = true)]
+async fn a_grblhal_rotary_axis_homes_and_turns() {
+    let mut turn = axis("A", -300.0, 300.0);
+    turn.kind = AxisKind::Rotary;
+    let mut b = connect(settings("grblhal", &[("spin", turn)]), FaultPlan::none()).await.unwrap();
+    assert!(b.mover.identity().unwrap().contains("GrblHAL"));
+    b.mover.home().await.unwrap();
+    let from = b.mover.position().await.unwrap()[0].position;
+    let target = if from > 0.0 { from - 45.0 } else { from + 45.0 };
+    let before = b.truth("spin");
+    b.mover.move_to(&[("spin", target)], 10.0).await.unwrap();
+    assert!((b.truth("spin") - before - (target - from)).abs() < 0.02);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_zaber_stage_homes_and_moves_to_where_it_says() {
+    let mut slide = axis("1/1", 0.0, 20.0);
+    slide.counts_per_unit = Some(2015.748);
+    let mut b = connect(settings("zaber_ascii", &[("slide", slide)]), FaultPlan::none()).await.unwrap();
+    b.mover.home().await.unwrap();
+    assert_eq!(b.mover.reference(), Reference::Referenced);
+    let (at, before) = (b.mover.position().await.unwrap()[0].position, b.truth("slide"));
+    let reached = b.mover.move_to(&[("slide", at + 5.0)], 5.0).await.unwrap();
+    assert!(reached.measured[0].counts.is_some());
+    assert!((b.truth("slide") - before - 5.0).abs() < 0.02);
+    let handle = b.mover.stop_handle();
+    let clock = b.clock;
+    tokio::spawn(async move {
+        clock.sleep(Duration::from_millis(500)).await;
+        handle.stop(StopKind::Controlled);
+    });
+    let result = b.mover.move_to(&[("slide", 18.0)], 2.0).await;
+    assert!(result.as_ref().is_err_and(MoverError::is_stop), "{result:?}");
+    b.mover.move_to(&[("slide", 1.0)], 5.0).await.unwrap();
+}
+
 #[test]
 fn a_dry_run_shows_the_bytes_and_keeps_the_limits() {
     let bytes = preview_move(&shipped("grbl"), &grbl(), &[("slide", -2.5)], 5.0).unwrap();

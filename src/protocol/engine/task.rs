@@ -617,6 +617,13 @@ impl Engine {
         if let Some(failure) = self.flag_failure.take() {
             return Check::Failed(failure);
         }
+        // The device says that it has arrived: ask at once whether that is so.
+        if let Some(event) = &self.spec.done.event
+            && let Some(at) = self.classes_seen.iter().position(|r| r.class == *event)
+        {
+            self.classes_seen.remove(at);
+            settle.ask.due = now;
+        }
         let (all_answered, replies, failed) = take_answers(&mut settle.ask, answers);
         if let Some(failure) = failed {
             return Check::Failed(failure);
