@@ -45,7 +45,8 @@ impl Engine {
                 self.plan_move(&targets, feed, jog)?.into_iter().map(send).collect()
             }
             Request::Settle { stall } => vec![plain(Act::Settle(stall))],
-            Request::Position => vec![plain(Act::AskPositions)],
+            // A question whose answer is lost may be asked again.
+            Request::Position => vec![Move { act: Act::AskPositions, optional: false, retry: 2, back: 0 }],
             Request::Run(which) => return Ok(self.plan_procedure(ticket, &which)),
         };
         Ok(Task::new(ticket, acts))
