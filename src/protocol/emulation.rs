@@ -65,6 +65,12 @@ pub enum Dialect {
     Marlin(MarlinEmulation),
     /// Zaber ASCII.
     ZaberAscii(ZaberEmulation),
+    /// Thorlabs APT.
+    ThorlabsApt(AptEmulation),
+    /// Dobot Magician.
+    Dobot(DobotEmulation),
+    /// Dynamixel 2.0 and Feetech STS.
+    ServoBus(ServoEmulation),
 }
 
 /// A member of the GRBL family.
@@ -163,4 +169,82 @@ pub struct ZaberEmulation {
     pub settings: BTreeMap<String, String>,
     /// Settings of an axis, besides `pos`, `maxspeed`, `accel` and the limits.
     pub axis_settings: BTreeMap<String, String>,
+}
+
+/// A Thorlabs controller with one channel.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AptEmulation {
+    /// Its address on the bus.
+    pub address: u8,
+    /// Model, at most eight characters.
+    pub model: String,
+    /// Serial number.
+    pub serial: i32,
+    /// Firmware version: interim, minor, major, unused.
+    pub firmware: [u8; 4],
+    /// Notes of the hardware information.
+    pub notes: String,
+    /// Whether it sends stepper status (with an encoder count) instead of DC status (with velocity).
+    pub stepper: bool,
+    /// Velocity parameter for one unit per second.
+    pub velocity_per_unit: f64,
+    /// Acceleration parameter for one unit per second squared.
+    pub accel_per_unit: f64,
+}
+
+/// A Dobot Magician arm.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DobotEmulation {
+    /// Serial number.
+    pub serial: String,
+    /// Device name.
+    pub name: String,
+    /// Version: major, minor, revision.
+    pub version: [u8; 3],
+    /// Where homing ends: x, y, z (mm), r (degrees).
+    pub home_pose: [f64; 4],
+    /// Least and greatest distance of the tool from the base axis, mm.
+    pub reach_mm: [f64; 2],
+}
+
+/// Servos on one bus.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ServoEmulation {
+    /// Which frames they speak.
+    pub framing: ServoFraming,
+    /// Model number.
+    pub model: u16,
+    /// Firmware version, as a ping answers it.
+    pub firmware: u8,
+    /// Registers by name; `model`, `id`, `torque`, `goal`, `speed`, `position` and
+    /// `moving` mean something.
+    pub registers: BTreeMap<String, Register>,
+    /// What registers hold at power-up, where that is not 0.
+    #[serde(default)]
+    pub initial: BTreeMap<String, i64>,
+    /// Units per second of one count of the speed register.
+    pub speed_unit: f64,
+}
+
+/// Frames of servo buses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ServoFraming {
+    /// Dynamixel protocol 2.0.
+    Dynamixel2,
+    /// Feetech STS, the frames of Dynamixel protocol 1.0.
+    Feetech,
+}
+
+/// A register: little-endian bytes at an address.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Register {
+    /// Address of the first byte.
+    pub address: usize,
+    /// Number of bytes.
+    pub bytes: usize,
 }
