@@ -3,12 +3,13 @@
 //! Everything here works on 8-bit RGB code values, row 0 on top, as sensors deliver them and as the
 //! literature compares them. [`metrics`] has MSE, PSNR and SSIM, whole or within a [`Mask`]; [`align`]
 //! finds and removes a global shift; [`bootstrap`] says how sure a mean difference is; [`arithmetic`]
-//! averages and subtracts; [`png`] encodes and decodes. It knows no dataset and no sensor.
+//! averages and subtracts; [`png`] encodes and decodes; [`npy`] writes what is not 8 bit. It knows no dataset and no sensor.
 
 pub mod align;
 pub mod arithmetic;
 pub mod bootstrap;
 pub mod metrics;
+pub mod npy;
 pub mod png;
 
 use crate::frame::Frame;

@@ -6,12 +6,11 @@
 
 use super::exit::Exit;
 use super::screen;
-use crate::optics::bench_scene::{self, Variant};
-use crate::optics::reference::{self, Renderer};
-use crate::optics::{Error, Film};
-use serde::Serialize;
+use crate::image::{Picture, png};
+use crate::optics::Error;
+use crate::optics::bench_scene::Variant;
+use crate::optics::render_file::{Mode, Request, Times, render_file};
 use std::path::PathBuf;
-use std::time::Instant;
 
 /// Render a benchmark scene to linear RGB
 #[derive(Debug, clap::Args)]
@@ -20,11 +19,11 @@ pub struct Args {
     /// Scene file
     pub scene: PathBuf,
     /// Which variant: Ac (constant albedo), At (textured), B (with the plate)
-    #[arg(long, default_value = "Ac")]
-    pub variant: String,
+    #[arg(long, default_value = "Ac", value_parser = parse_variant)]
+    pub variant: Variant,
     /// How: reference (path tracing) or fast
-    #[arg(long, default_value = "reference")]
-    pub mode: String,
+    #[arg(long, default_value = "reference", value_parser = parse_mode)]
+    pub mode: Mode,
     /// Samples per pixel (reference mode)
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub spp: u32,
@@ -39,7 +38,7 @@ pub struct Args {
     pub repeat: u32,
     /// Seed of the samples
     #[arg(long, default_value_t = 0)]
-    pub seed: u64,
+    pub seed: u32,
     /// Where to write the picture (.npy, or .png for a look)
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
@@ -52,19 +51,17 @@ impl Args {
     /// Runs the subcommand.
     pub fn run(self) -> Exit {
         match self.render() {
-            Ok(report) if self.json => {
-                screen::json(&report);
+            Ok(times) if self.json => {
+                screen::json(&times);
                 Exit::Done
             }
-            Ok(report) => {
+            Ok(times) => {
+                let ([width, height], frames) = (times.size, times.per_frame_s.len());
                 screen::result(format_args!(
-                    "{}: {} x {}, {:.3} s once, {:.3} s a frame (median of {})",
+                    "{}: {width} x {height}, {:.3} s once, {:.3} s a frame (best of {frames})",
                     self.out.display(),
-                    report.width,
-                    report.height,
-                    report.once_s,
-                    report.frame_s,
-                    report.frames_s.len()
+                    times.one_off_s,
+                    times.best_frame_s,
                 ));
                 Exit::Done
             }
@@ -75,92 +72,54 @@ impl Args {
         }
     }
 
-    fn render(&self) -> Result<Report, Error> {
-        let variant = match self.variant.as_str() {
-            "Ac" => Variant::Ac,
-            "At" => Variant::At,
-            "B" => Variant::B,
-            other => {
-                return Err(Error::Setting {
-                    key: "variant",
-                    value: other.to_owned(),
-                    why: "choose Ac (constant albedo), At (textured) or B (with the plate)".to_owned(),
-                });
-            }
+    fn render(&self) -> Result<Times, Error> {
+        let request = Request {
+            variant: self.variant,
+            mode: self.mode,
+            samples: self.spp,
+            size: self.size.as_deref().map(raster).transpose()?,
+            repeat: self.repeat,
+            seed: self.seed,
         };
-        let mut scene = bench_scene::load(&self.scene, variant)?;
-        if let Some(size) = &self.size {
-            let (width, height) = raster(size)?;
-            scene.camera = scene.camera.with_raster(width, height);
-        }
-        let begun = Instant::now();
-        let renderer = Renderer::new(&scene)?;
-        let once_s = begun.elapsed().as_secs_f64();
-        let settings = reference::Settings { samples: self.spp, seed: self.seed as u32 };
-        let mut frames_s = Vec::new();
-        let mut film = None;
-        for _ in 0..self.repeat {
-            let begun = Instant::now();
-            film = Some(renderer.render(&settings));
-            frames_s.push(begun.elapsed().as_secs_f64());
-        }
-        let film = film.expect("clap refuses --repeat 0");
-        self.write(&film)?;
-        let mut sorted = frames_s.clone();
-        sorted.sort_by(f64::total_cmp);
-        Ok(Report {
-            scene: self.scene.display().to_string(),
-            variant: self.variant.clone(),
-            mode: self.mode.clone(),
-            width: film.width,
-            height: film.height,
-            spp: self.spp,
-            once_s,
-            frame_s: sorted[sorted.len() / 2],
-            frames_s,
-            out: self.out.display().to_string(),
-        })
-    }
-
-    fn write(&self, film: &Film) -> Result<(), Error> {
+        let (film, times) = render_file(&self.scene, &request)?;
         if self.out.extension().is_some_and(|e| e == "png") {
             let failed = |reason: String| Error::File { action: "write", path: self.out.display().to_string(), reason };
             let rgb = film.to_srgb8(PREVIEW_EXPOSURE);
-            let png = crate::image::encode_png(film.width as u32, film.height as u32, &rgb).map_err(|e| failed(e.to_string()))?;
-            return std::fs::write(&self.out, png).map_err(|e| failed(e.to_string()));
+            let picture = Picture { width: film.width as u32, height: film.height as u32, rgb };
+            let bytes = png::encode(&picture).map_err(|e| failed(e.to_string()))?;
+            std::fs::write(&self.out, bytes).map_err(|e| failed(e.to_string()))?;
+        } else {
+            film.write_npy(&self.out)?;
         }
-        film.write_npy(&self.out)
+        Ok(times)
     }
 }
 
 /// Exposure of a picture for a look: that of the benchmark scene's 8-bit metric.
 const PREVIEW_EXPOSURE: f32 = 0.573_248_4;
 
-#[derive(Debug, Serialize)]
-struct Report {
-    scene: String,
-    variant: String,
-    mode: String,
-    width: usize,
-    height: usize,
-    spp: u32,
-    /// Seconds for what is done once for a scene.
-    once_s: f64,
-    /// Median of `frames_s`.
-    frame_s: f64,
-    /// Seconds of each frame, with every structure that a frame needs.
-    frames_s: Vec<f64>,
-    out: String,
+fn raster(size: &str) -> Result<[usize; 2], Error> {
+    let parsed = size.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    parsed.filter(|raster| raster.iter().all(|n| (1..=16_384).contains(n))).ok_or_else(|| Error::Setting {
+        key: "size",
+        value: size.to_owned(),
+        why: "write WIDTHxHEIGHT with 1 to 16384 each, e.g. 640x480".to_owned(),
+    })
 }
 
-fn raster(size: &str) -> Result<(usize, usize), Error> {
-    let parsed = size.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
-    match parsed {
-        Some((w, h)) if (1..=16_384).contains(&w) && (1..=16_384).contains(&h) => Ok((w, h)),
-        _ => Err(Error::Setting {
-            key: "size",
-            value: size.to_owned(),
-            why: "write WIDTHxHEIGHT with 1 to 16384 each, e.g. 640x480".to_owned(),
-        }),
+fn parse_variant(text: &str) -> Result<Variant, String> {
+    match text {
+        "Ac" => Ok(Variant::Ac),
+        "At" => Ok(Variant::At),
+        "B" => Ok(Variant::B),
+        other => Err(format!("{other:?} is no variant; choose Ac (constant albedo), At (textured) or B (with the plate)")),
+    }
+}
+
+fn parse_mode(text: &str) -> Result<Mode, String> {
+    match text {
+        "reference" => Ok(Mode::Reference),
+        "fast" => Ok(Mode::Fast),
+        other => Err(format!("{other:?} is no mode; choose reference or fast")),
     }
 }
