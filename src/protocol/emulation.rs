@@ -4,6 +4,7 @@
 //! settings, sizes of buffers, axes); what a family of firmwares has in common, such as how a reset
 //! is swallowed or a line is counted, is the *dialect*, one of a closed set that the emulator knows.
 
+use super::value::Pattern;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -71,6 +72,8 @@ pub enum Dialect {
     Dobot(DobotEmulation),
     /// Dynamixel 2.0 and Feetech STS.
     ServoBus(ServoEmulation),
+    /// Any line protocol that rules can describe.
+    Rules(RulesEmulation),
 }
 
 /// A member of the GRBL family.
@@ -247,4 +250,77 @@ pub struct Register {
     pub address: usize,
     /// Number of bytes.
     pub bytes: usize,
+}
+
+/// A device described by rules.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RulesEmulation {
+    /// What ends a reply.
+    pub eol: String,
+    /// What `{identity}` stands for in a reply.
+    pub identity: String,
+    /// Decimals of positions and feeds.
+    pub decimals: usize,
+    /// The fastest feed that can be set, per second.
+    pub max_feed: f64,
+    /// What `{state}` stands for in each state.
+    pub states: BTreeMap<RuleState, String>,
+    /// What `{error}` stands for when there is none.
+    pub no_error: String,
+    /// The error that an unknown line leaves.
+    pub unknown: String,
+    /// The error that a number out of range leaves.
+    pub out_of_range: String,
+    /// `[[emulator.dialect.rules.rule]]`, tried in this order.
+    pub rule: Vec<Rule>,
+}
+
+/// One rule.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rule {
+    /// Pattern of the line, without its end.
+    #[serde(rename = "match")]
+    pub matches: Pattern,
+    /// What is done, in order.
+    #[serde(rename = "do", default)]
+    pub does: Vec<RuleVerb>,
+    /// States in which it is refused, and the error that leaves.
+    #[serde(default)]
+    pub refuse: BTreeMap<RuleState, String>,
+    /// What is answered; nothing if absent.
+    pub reply: Option<String>,
+}
+
+/// States of an axis of a device made of rules.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RuleState {
+    /// Not homed.
+    Unreferenced,
+    /// Homing.
+    Homing,
+    /// Moving.
+    Moving,
+    /// At rest and homed.
+    Idle,
+}
+
+/// What a rule may do; a text names a group of its pattern.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RuleVerb {
+    /// Moves to the position in that group.
+    MoveTo(String),
+    /// Moves by the distance in that group.
+    MoveBy(String),
+    /// Homes.
+    Home,
+    /// Decelerates to rest.
+    Stop,
+    /// Forgets the reference.
+    Reset,
+    /// Sets the feed of moves.
+    SetFeed(String),
 }

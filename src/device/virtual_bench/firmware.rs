@@ -27,6 +27,7 @@ mod pitfalls;
 mod planner;
 #[cfg(test)]
 mod replay;
+mod rules;
 mod servo_bus;
 mod zaber;
 
@@ -134,6 +135,7 @@ impl Emulator {
             Dialect::ServoBus(spec) => {
                 Box::new(servo_bus::ServoBus::new(spec, options, motors, outbox, now)?)
             }
+            Dialect::Rules(spec) => Box::new(rules::Rules::new(spec, options, motors, outbox, now)?),
             Dialect::ZaberAscii(spec) => Box::new(zaber::Zaber::new(spec, options, motors, outbox, now)?),
             Dialect::Marlin(spec) => Box::new(marlin::Marlin::new(spec, options, motors, outbox, now)?),
         };

@@ -1,6 +1,6 @@
 //! Binary dialects against frames that vendors' own clients sent, and against their manuals.
 
-use super::replay::{bare, draft};
+use super::replay::{bare, shipped};
 use super::*;
 use crate::protocol::value::parse_hex;
 
@@ -29,7 +29,7 @@ const DOBOT_POSE: &str = "aa aa 02 0a 00 f6";
 const DOBOT_INDEX: &str = "aa aa 02 f6 00 0a";
 
 fn dobot() -> Emulator {
-    let mut dobot = bare(&draft("dobot_magician"), &EmulatorOptions::default());
+    let mut dobot = bare(&shipped("dobot_magician"), &EmulatorOptions::default());
     assert_eq!(ask(&mut dobot, "aa aa 02 f0 01 0f", 0), ["aa aa 02 f0 01 0f"]);
     assert_eq!(
         ask(&mut dobot, "aa aa 06 1f 03 00 00 00 00 de", 50),
@@ -52,7 +52,7 @@ fn a_dobot_answers_with_an_index_and_arrives_later() {
 
 #[test]
 fn a_dobot_does_not_move_before_its_queue_is_started_nor_answer_a_wrong_sum() {
-    let mut dobot = bare(&draft("dobot_magician"), &EmulatorOptions::default());
+    let mut dobot = bare(&shipped("dobot_magician"), &EmulatorOptions::default());
     ask(&mut dobot, DOBOT_MOVE, 0);
     assert!(ask(&mut dobot, DOBOT_INDEX, 60_000)[0].starts_with("aa aa 0a f6 00 00 00"));
     assert!(ask(&mut dobot, "aa aa 02 0a 00 f5", 60_100).is_empty());
@@ -81,7 +81,7 @@ const APT_ABS_5_MM: &str = "53 04 06 00 d0 01 01 00 e7 a2 02 00";
 
 #[test]
 fn an_apt_move_is_answered_when_it_is_over_and_never_when_preempted() {
-    let mut apt = bare(&draft("thorlabs_apt"), &EmulatorOptions::default());
+    let mut apt = bare(&shipped("thorlabs_apt"), &EmulatorOptions::default());
     assert!(ask(&mut apt, "43 04 01 00 50 01", 0).is_empty());
     let homed = apt.poll(at(30_000));
     assert_eq!(homed, [0x44, 0x04, 0x01, 0x00, 0x01, 0x50]);
@@ -99,7 +99,7 @@ fn an_apt_move_is_answered_when_it_is_over_and_never_when_preempted() {
 
 #[test]
 fn apt_updates_cease_when_nobody_acknowledges_them() {
-    let mut apt = bare(&draft("thorlabs_apt"), &EmulatorOptions::default());
+    let mut apt = bare(&shipped("thorlabs_apt"), &EmulatorOptions::default());
     ask(&mut apt, "11 00 00 00 50 01", 0);
     assert_eq!(apt.poll_replies(at(5_000)).len(), 9);
     ask(&mut apt, "11 00 00 00 50 01", 5_000);
@@ -113,7 +113,7 @@ fn apt_updates_cease_when_nobody_acknowledges_them() {
 
 #[test]
 fn an_apt_controller_tells_what_it_is() {
-    let mut apt = bare(&draft("thorlabs_apt"), &EmulatorOptions::default());
+    let mut apt = bare(&shipped("thorlabs_apt"), &EmulatorOptions::default());
     let info = ask(&mut apt, "05 00 00 00 50 01", 0);
     let bytes = parse_hex(&info[0]).unwrap();
     assert_eq!((bytes.len(), &bytes[10..16]), (90, &b"KDC101"[..]));
@@ -122,7 +122,7 @@ fn an_apt_controller_tells_what_it_is() {
 #[test]
 fn dynamixel_frames_of_the_vendors_client_are_answered() {
     let options = EmulatorOptions { power_on: [("1".to_owned(), 90.0)].into(), ..EmulatorOptions::default() };
-    let mut bus = bare(&draft("dynamixel2"), &options);
+    let mut bus = bare(&shipped("dynamixel2"), &options);
     // The answer of the e-Manual's example has the same form: model, firmware.
     let pong = ask(&mut bus, "ff ff fd 00 01 03 00 01 19 4e", 0);
     assert!(pong[0].starts_with("ff ff fd 00 01 07 00 55 00 b0 04 2e"), "{pong:?}");
@@ -143,7 +143,7 @@ fn dynamixel_frames_of_the_vendors_client_are_answered() {
 
 #[test]
 fn feetech_frames_of_the_vendors_client_are_answered() {
-    let mut bus = bare(&draft("feetech_sts"), &EmulatorOptions::default());
+    let mut bus = bare(&shipped("feetech_sts"), &EmulatorOptions::default());
     assert_eq!(ask(&mut bus, "ff ff 01 02 01 fb", 0), ["ff ff 01 02 00 fc"]);
     ask(&mut bus, "ff ff 01 04 03 28 01 ce", 100);
     ask(&mut bus, "ff ff 01 05 03 2a 00 08 c4", 200);

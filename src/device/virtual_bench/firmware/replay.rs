@@ -15,16 +15,6 @@ pub(super) fn shipped(name: &str) -> EmulatorSpec {
     crate::protocol::Spec::parse(name, &text).unwrap().emulator.unwrap()
 }
 
-/// An `[emulator]` table that stands alone in a file.
-pub(super) fn draft(name: &str) -> EmulatorSpec {
-    #[derive(serde::Deserialize)]
-    struct File {
-        emulator: EmulatorSpec,
-    }
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/emulators/{name}.toml"));
-    toml::from_str::<File>(&std::fs::read_to_string(path).unwrap()).unwrap().emulator
-}
-
 /// A device that nobody watches, with the firmware's own axes.
 pub(super) fn bare(spec: &EmulatorSpec, options: &EmulatorOptions) -> Emulator {
     Emulator::new(spec, "device", &BTreeMap::new(), options, World::without_pad(), Timestamp(0)).unwrap()
