@@ -30,6 +30,9 @@ mod instruction {
     pub(super) const SYNC_WRITE: u8 = 0x83;
 }
 
+/// Servo id, instruction, parameters.
+type Instruction = (u8, u8, Vec<u8>);
+
 /// Errors of Dynamixel 2.0.
 mod error {
     pub(super) const INSTRUCTION: u8 = 2;
@@ -132,8 +135,7 @@ impl ServoBus {
     }
 
     /// The next frame and how many bytes it takes, with `None` for bytes to skip.
-    #[allow(clippy::type_complexity)]
-    fn next_frame(&self) -> Option<(usize, Option<(u8, u8, Vec<u8>)>)> {
+    fn next_frame(&self) -> Option<(usize, Option<Instruction>)> {
         let rx = &self.rx;
         let sync: &[u8] = match self.spec.framing {
             ServoFraming::Dynamixel2 => &[0xff, 0xff, 0xfd, 0x00],
