@@ -179,12 +179,12 @@ fn describe<T: DeserializeOwned>(tree: &Node, path: &Path, error: &ReadError) ->
             let table = path.parent();
             let place =
                 if table.0.is_empty() { "the top of the file".to_owned() } else { format!("[{table}]") };
-            Problem {
-                key,
-                value: "missing".to_owned(),
-                allowed: wanted,
-                next: format!("add `{name} = ...` to {place}"),
-            }
+            let next = if wanted == "a table" {
+                format!("add a table [{path}]")
+            } else {
+                format!("add `{name} = ...` to {place}")
+            };
+            Problem { key, value: "missing".to_owned(), allowed: wanted, next }
         }
         Fault::Variant { known } => {
             let near = tree.at(path).and_then(|n| match &n.value {
