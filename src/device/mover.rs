@@ -119,7 +119,14 @@ impl Mover {
             // cannot be told from the other.
             mover.clock.sleep(Duration::from_millis(mover.spec.link.open_settle_ms)).await;
         }
-        mover.identify().await?;
+        // A board that was starting anyway introduces itself twice: once by itself, once when woken.
+        let mut tries = 0;
+        loop {
+            match mover.identify().await {
+                Err(MoverError::Device(Failure::Restarted)) if tries < 3 => tries += 1,
+                other => break other.map(drop)?,
+            };
+        }
         mover.call(Request::Run(Which::Init)).await?;
         mover.link.set_live();
         Ok(mover)
