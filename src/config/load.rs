@@ -203,7 +203,7 @@ impl Loader {
             let setting = match Setting::parse(text) {
                 Ok(setting) => setting,
                 Err(finding) => {
-                    self.findings.push(finding);
+                    self.findings.push(*finding);
                     continue;
                 }
             };
