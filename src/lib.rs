@@ -70,4 +70,5 @@ pub mod dataset;
 pub mod device;
 pub mod plan;
 // Layer 3a: activities.
+pub mod pairing;
 pub mod twin;
