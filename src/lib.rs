@@ -72,3 +72,5 @@ pub mod plan;
 // Layer 3a: activities.
 pub mod pairing;
 pub mod twin;
+// Layer 5a: what a dataset looks like.
+pub mod report;

@@ -44,7 +44,7 @@ fn trajectory(captures: u32) -> Trajectory {
     }
 }
 
-fn provenance(trajectory: &Trajectory) -> Provenance {
+pub(crate) fn provenance(trajectory: &Trajectory) -> Provenance {
     Provenance {
         schema: SCHEMA.into(),
         tool_version: "test".into(),
@@ -66,7 +66,7 @@ fn provenance(trajectory: &Trajectory) -> Provenance {
     }
 }
 
-fn real_record() -> RealRecord {
+pub(crate) fn real_record() -> RealRecord {
     RealRecord {
         session: "run".into(),
         is_virtual: true,
@@ -93,7 +93,7 @@ fn real_record() -> RealRecord {
     }
 }
 
-fn sim_record(contact_box_px: Option<[u32; 4]>) -> SimRecord {
+pub(crate) fn sim_record(contact_box_px: Option<[u32; 4]>) -> SimRecord {
     SimRecord {
         config_hash: String::new(),
         engine_version: "test".into(),
@@ -135,7 +135,7 @@ fn picture(x: f64, y: f64, strength: f64) -> Vec<u8> {
 }
 
 /// Captures 1.. touch; the simulated blob lies `shift` to the right of the real one and is a bit weaker.
-fn dataset(root: &Path, captures: u32, shift: f64) -> Dataset {
+pub(crate) fn dataset(root: &Path, captures: u32, shift: f64) -> Dataset {
     let trajectory = trajectory(captures);
     let dataset = Dataset::create(root, provenance(&trajectory), &trajectory).unwrap();
     dataset.put_background("run-000-sphere", &picture(0.0, 0.0, 0.0)).unwrap();
