@@ -269,6 +269,11 @@ impl Dataset {
         &self.trajectory
     }
 
+    /// Whether no capture of either side is stored yet.
+    pub fn is_untouched(&self) -> bool {
+        locked(&self.real).lines().is_empty() && locked(&self.sim).lines().is_empty()
+    }
+
     /// Captures whose real side is stored.
     pub fn done_real(&self) -> BTreeSet<u32> {
         locked(&self.real).lines().keys().copied().collect()

@@ -11,12 +11,14 @@
 
 pub mod capture;
 pub mod material;
+pub mod mpm;
 pub mod pad;
 pub mod quasi_static;
 pub mod settings;
 
 pub use capture::{ContactForces, ElastomerCapture, SolverStats, Surface};
 pub use material::{Law, Material};
+pub use mpm::ExplicitSolver;
 pub use pad::{Pad, PadShape};
 pub use quasi_static::QuasiStaticSolver;
 pub use settings::{Friction, Mode, Settings};
@@ -37,7 +39,7 @@ pub fn solver(
 ) -> Result<Box<dyn Elastomer>, Error> {
     match settings.mode {
         Mode::QuasiStatic => Ok(Box::new(QuasiStaticSolver::new(pad, settings, indenter, start)?)),
-        Mode::Mpm | Mode::Impm => Err(Error::Setting { key: "mode", value: "impm".into(), why: "not merged".into() }),
+        Mode::Mpm | Mode::Impm => Ok(Box::new(ExplicitSolver::new(pad, settings, indenter, start)?)),
     }
 }
 

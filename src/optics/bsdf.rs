@@ -237,3 +237,151 @@ pub fn refract(wo: Vec3, m: Vec3, eta: f32) -> Option<Vec3> {
 fn schlick(f0: Vec3, cos: f32) -> Vec3 {
     f0 + (Vec3::ONE - f0) * (1.0 - cos.clamp(0.0, 1.0)).powi(5)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::{Albedo, sampler::Sampler};
+
+    fn all() -> Vec<(Material, bool)> {
+        let metal = |alpha| Material::RoughConductor { f0: Vec3::new(0.9, 0.8, 0.6), alpha };
+        let coat = Material::FlakeCoating {
+            albedo: Albedo::grey(0.5),
+            flakes: 0.3,
+            f0: Vec3::splat(0.9),
+            alpha: 0.2,
+        };
+        let frosted = |alpha| Material::RoughDielectric { ior: 1.5, alpha };
+        vec![
+            (Material::Lambert { albedo: Albedo::grey(0.7) }, true),
+            (metal(0.1), true),
+            (metal(0.6), true),
+            (coat, true),
+            (frosted(0.15), true),
+            (frosted(0.4), true),
+            (frosted(0.15), false),
+            (frosted(0.4), false),
+        ]
+    }
+
+    fn views() -> [Vec3; 3] {
+        [Vec3::Z, Vec3::new(0.5, 0.2, 0.7).normalize(), Vec3::new(-0.8, 0.5, 0.25).normalize()]
+    }
+
+    #[test]
+    fn samples_follow_their_density() {
+        const ROWS: usize = 24;
+        const COLUMNS: usize = 32;
+        const N: u32 = 60_000;
+        for (material, outside) in all() {
+            let bsdf = Bsdf::new(&material, Vec2::ZERO, outside);
+            for wo in views() {
+                let mut seen = vec![0.0f64; ROWS * COLUMNS];
+                let mut lost = 0.0;
+                for i in 0..N {
+                    // Independent points: a stratified set would be too even for the test's statistics.
+                    let u = |d| crate::optics::noise::uniform(d, i) as f32;
+                    match bsdf.sample(wo, Vec2::new(u(1), u(2)), u(3)) {
+                        None => lost += 1.0,
+                        Some(s) => {
+                            let row = (s.wi.z.acos() / (TAU / 2.0) * ROWS as f32) as usize;
+                            let turn = (s.wi.y.atan2(s.wi.x) / TAU).rem_euclid(1.0);
+                            let column = (turn * COLUMNS as f32) as usize;
+                            seen[row.min(ROWS - 1) * COLUMNS + column.min(COLUMNS - 1)] += 1.0;
+                        }
+                    }
+                }
+                // Expected counts by a midpoint rule within each bin.
+                const SUB: usize = 24;
+                let mut expected = vec![0.0f64; ROWS * COLUMNS];
+                for (bin, value) in expected.iter_mut().enumerate() {
+                    for k in 0..SUB * SUB {
+                        let polar =
+                            ((bin / COLUMNS) as f32 + ((k / SUB) as f32 + 0.5) / SUB as f32) / ROWS as f32;
+                        let (r, z) = (polar * TAU / 2.0).sin_cos();
+                        let turn =
+                            ((bin % COLUMNS) as f32 + ((k % SUB) as f32 + 0.5) / SUB as f32) / COLUMNS as f32;
+                        let (sin, cos) = (turn * TAU).sin_cos();
+                        *value += f64::from(r * bsdf.pdf(wo, Vec3::new(r * cos, r * sin, z)));
+                    }
+                    *value *= f64::from(N) * 2.0 * std::f64::consts::PI.powi(2)
+                        / (ROWS * COLUMNS * SUB * SUB) as f64;
+                }
+                let total: f64 = expected.iter().sum();
+                assert!(
+                    (total / (f64::from(N) - lost) - 1.0).abs() < 0.02,
+                    "{material:?} {wo}: density sums to {total}"
+                );
+                // Pearson's statistic over bins that expect at least 25; normal approximation of its law.
+                let (mut statistic, mut bins) = (0.0, 0.0);
+                for (s, e) in seen.iter().zip(&expected).filter(|(_, e)| **e >= 25.0) {
+                    statistic += (s - e).powi(2) / e;
+                    bins += 1.0;
+                }
+                let sigmas = (statistic - bins) / (2.0f64 * bins).sqrt();
+                assert!(sigmas < 5.0, "{material:?} {wo}: {sigmas:.1} standard deviations over {bins} bins");
+            }
+        }
+    }
+
+    #[test]
+    fn weights_are_evaluation_over_density_and_no_energy_is_made() {
+        for (material, outside) in all() {
+            let bsdf = Bsdf::new(&material, Vec2::ZERO, outside);
+            for wo in views() {
+                let sampler = Sampler::new(2, 0, 0, 4096);
+                let mut energy = 0.0;
+                for i in 0..4096 {
+                    let [a, b, c, _] = sampler.group(i, 0);
+                    let Some(s) = bsdf.sample(wo, Vec2::new(a, b), c) else { continue };
+                    let truth = bsdf.eval(wo, s.wi) * s.wi.z.abs() / bsdf.pdf(wo, s.wi);
+                    assert!((s.weight - truth).abs().max_element() <= 1e-4 * truth.max_element().max(1.0));
+                    assert!((s.pdf / bsdf.pdf(wo, s.wi) - 1.0).abs() < 1e-4);
+                    // Radiance in the denser medium counts 1/eta^2; energy does not.
+                    let scale = match bsdf.lobe {
+                        Lobe::RoughDielectric { eta, .. } if s.wi.z < 0.0 => eta * eta,
+                        _ => 1.0,
+                    };
+                    energy += s.weight.x * scale / 4096.0;
+                }
+                assert!(energy <= 1.005, "{material:?} {wo}: {energy}");
+                assert!(energy > 0.5, "{material:?} {wo}: {energy}");
+            }
+        }
+    }
+
+    #[test]
+    fn light_may_run_either_way() {
+        for (material, outside) in all() {
+            let bsdf = Bsdf::new(&material, Vec2::ZERO, outside);
+            let wo = Vec3::new(0.3, -0.2, 0.8).normalize();
+            for wi in [Vec3::new(0.1, 0.6, 0.5), Vec3::new(-0.3, 0.2, 0.9), Vec3::new(-0.3, 0.1, -0.8)] {
+                let wi = wi.normalize();
+                let there = bsdf.eval(wo, wi).x;
+                let back = if wi.z > 0.0 {
+                    bsdf.eval(wi, wo).x
+                } else {
+                    // The other way round the near side is the far side, and radiance is rescaled.
+                    let Lobe::RoughDielectric { eta, .. } = bsdf.lobe else { continue };
+                    let flip = Vec3::new(1.0, 1.0, -1.0);
+                    Bsdf::new(&material, Vec2::ZERO, !outside).eval(wi * flip, wo * flip).x / (eta * eta)
+                };
+                assert!((there - back).abs() <= 1e-4 * there.max(1e-4), "{material:?} {wi}: {there} {back}");
+            }
+        }
+    }
+
+    #[test]
+    fn fresnel_and_snell_at_known_angles() {
+        assert!((fresnel(1.0, 1.5) - 0.04).abs() < 1e-6);
+        // Brewster's angle: tan = n; the parallel part vanishes, so the mean is half the perpendicular.
+        // There cos_t = sin_i, so r = (cos_i - n sin_i)/(cos_i + n sin_i) = (1 - n^2)/(1 + n^2).
+        let cos = 1.0 / (1.0f32 + 1.5 * 1.5).sqrt();
+        let perpendicular = ((1.0f32 - 2.25) / (1.0 + 2.25)).powi(2);
+        assert!((fresnel(cos, 1.5) - perpendicular / 2.0).abs() < 1e-6);
+        assert_eq!(fresnel(0.3, 1.0 / 1.5), 1.0);
+        assert!(refract(Vec3::new(0.9, 0.0, 0.43589), Vec3::Z, 1.0 / 1.5).is_none());
+        let w = refract(Vec3::new(0.6, 0.0, 0.8), Vec3::Z, 1.5).unwrap();
+        assert!((w - Vec3::new(-0.4, 0.0, -(1.0f32 - 0.16).sqrt())).length() < 1e-6);
+    }
+}

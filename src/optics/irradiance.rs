@@ -33,15 +33,33 @@ pub fn polygon(point: Vec3, normal: Vec3, corners: &[Vec3; 4]) -> f32 {
     (-0.5 * sum).max(0.0)
 }
 
-/// One term of the sum: the angle between two directions times the edge's unit normal, on `normal`.
+/// One term of the sum: the angle between two unit directions times the edge's unit normal, on `normal`.
+///
+/// The polynomial of Abramowitz and Stegun 4.4.46 gives acos(c)/sqrt(1 - c), c >= 0, to 2e-8; times
+/// sqrt(1 - c)/sin = 1/sqrt(1 + c) it is the factor angle/sin, in which nothing cancels for short edges, at a
+/// fifth of the cost of atan2. Edges seen under more than a right angle use angle = pi - acos(-c), with the
+/// sine from the cross product: near a wall 1 - c^2 has no digits left.
 #[inline]
 fn edge(a: Vec3, b: Vec3, normal: Vec3) -> f32 {
+    const A: [f32; 8] = [
+        1.570_796_3,
+        -0.214_598_8,
+        0.088_978_99,
+        -0.050_174_305,
+        0.030_891_88,
+        -0.017_088_126,
+        0.006_670_09,
+        -0.001_262_491_1,
+    ];
     let cross = a.cross(b);
-    let (sin, cos) = (cross.length(), a.dot(b));
-    if sin <= 1e-20 {
-        return 0.0;
+    let c = a.dot(b);
+    let x = c.abs().min(1.0);
+    let factor = A.iter().rev().fold(0.0, |sum, a| sum * x + a) / (1.0 + x).sqrt();
+    if c >= 0.0 {
+        cross.dot(normal) * factor
+    } else {
+        cross.dot(normal) * (std::f32::consts::PI / cross.length().max(1e-20) - factor)
     }
-    cross.dot(normal) * (sin.atan2(cos) / sin)
 }
 
 /// The sum over the part above the horizon; its edge along the horizon is counted, too (the formula
@@ -111,6 +129,40 @@ mod tests {
                 (value - truth).abs() < 2e-4 * truth.max(1e-3),
                 "{point} {normal}: {value} against {truth}"
             );
+        }
+    }
+
+    #[test]
+    fn every_angle_is_as_good_as_single_precision() {
+        for k in 1..1000 {
+            let angle = std::f64::consts::PI * f64::from(k) / 1000.0;
+            let b = Vec3::new(angle.cos() as f32, angle.sin() as f32, 0.0);
+            assert!((f64::from(edge(Vec3::X, b, Vec3::Z)) - angle).abs() < 1e-6, "{angle}");
+        }
+    }
+
+    #[test]
+    fn the_walls_of_a_closed_room_fill_the_sky_of_each_even_near_its_edges() {
+        let h = Vec3::new(2.0, 3.0, 4.0);
+        let axes = [Vec3::X * h.x, Vec3::Y * h.y, Vec3::Z * h.z];
+        let walls: Vec<[Vec3; 4]> = (0..6)
+            .map(|k| {
+                let sign = if k % 2 == 0 { -1.0 } else { 1.0 };
+                let (c, u, v) = (axes[k / 2] * sign, axes[(k / 2 + 1) % 3] * -sign, axes[(k / 2 + 2) % 3]);
+                [c - u - v, c + u - v, c + u + v, c - u + v]
+            })
+            .collect();
+        for (k, wall) in walls.iter().enumerate() {
+            let (u, v) = (wall[1] - wall[0], wall[3] - wall[0]);
+            let normal = u.cross(v).normalize();
+            for s in [1e-4, 3e-3, 0.1, 0.37, 0.8, 0.999, 0.99999] {
+                for t in [1e-5, 2e-3, 0.2, 0.5, 0.9, 0.9999] {
+                    let point = wall[0] + u * s + v * t;
+                    let others = walls.iter().enumerate().filter(|(j, _)| *j != k);
+                    let sum: f32 = others.map(|(_, w)| polygon(point, normal, w)).sum();
+                    assert!((sum / std::f32::consts::PI - 1.0).abs() < 5e-3, "{point}: {sum}");
+                }
+            }
         }
     }
 

@@ -19,8 +19,10 @@ pub type Operator = Box<dyn FnMut(&str) -> Pin<Box<dyn Future<Output = bool> + S
 /// How a session is run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SessionSettings {
-    /// How the contact is found; `None`: the nominal contact is the contact.
+    /// How the contact is found; `None`: it is given.
     pub touch_off: Option<TouchOffSettings>,
+    /// Height of the contact above the nominal contact where it is given, mm.
+    pub given_zero_mm: f64,
     /// Height at which sideways travel is safe, mm above the nominal contact.
     pub clearance_mm: f64,
     /// Feeds in the air.
@@ -31,10 +33,18 @@ pub struct SessionSettings {
     pub frame_within: Duration,
     /// Frames thrown away before the first background, for exposure and lamps to settle.
     pub warmup_frames: u32,
-    /// A new background every so many episodes, besides at every change of indenter.
+    /// A new background every so many episodes, besides at every change of indenter; 0: never.
     pub background_every: u32,
     /// Largest accepted departure of the measured pose from the commanded one, mm (degrees for rotation).
     pub departure: f64,
+}
+
+impl SessionSettings {
+    /// How fast to go to a waypoint: its own feeds, or those of travel where it has none.
+    pub fn feeds(&self, waypoint: &Waypoint) -> Feeds {
+        let or = |own: f64, travel: f64| if own > 0.0 { own } else { travel };
+        Feeds { mm_s: or(waypoint.feed_mm_s, self.travel.mm_s), deg_s: or(waypoint.feed_deg_s, self.travel.deg_s) }
+    }
 }
 
 /// Why a session ended early.
@@ -137,7 +147,8 @@ impl Session<'_> {
                 mounted = Some(episode.indenter.clone());
                 self.tell(Event::Mounted { indenter: episode.indenter.clone() }).await?;
             }
-            if changed || index % self.settings.background_every.max(1) == 0 {
+            let every = self.settings.background_every;
+            if changed || (every > 0 && index % every == 0) {
                 self.take_background(&episode.indenter, &mut backgrounds).await?;
             }
             let zero_mm = self.contact_zero(index, &episode.indenter, &backgrounds).await?;
@@ -146,11 +157,7 @@ impl Session<'_> {
             self.tell(Event::Episode { episode: index }).await?;
             for waypoint in self.trajectory.waypoints_of(index) {
                 let target = Pose { z_mm: waypoint.pose.z_mm + zero_mm, ..waypoint.pose };
-                let feeds = Feeds {
-                    mm_s: if waypoint.feed_mm_s > 0.0 { waypoint.feed_mm_s } else { self.settings.travel.mm_s },
-                    deg_s: if waypoint.feed_deg_s > 0.0 { waypoint.feed_deg_s } else { self.settings.travel.deg_s },
-                };
-                self.bench.go(&target, feeds).await?;
+                self.bench.go(&target, self.settings.feeds(waypoint)).await?;
                 if let Some(capture) = waypoint.capture.filter(|_| due(waypoint)) {
                     self.capture(capture, &waypoint.pose, zero_mm, &backgrounds).await?;
                 }
@@ -174,7 +181,9 @@ impl Session<'_> {
         if let Some(zero_mm) = self.contact_zero_mm.get(indenter) {
             return Ok(*zero_mm);
         }
-        let (Some(settings), Some(background)) = (&self.settings.touch_off, &backgrounds.last) else { return Ok(0.0) };
+        let (Some(settings), Some(background)) = (&self.settings.touch_off, &backgrounds.last) else {
+            return Ok(self.settings.given_zero_mm);
+        };
         let over = self.trajectory.waypoints_of(episode)[0].pose;
         let contact = find_contact(self.bench, &over, background, settings, self.settings.still_rms)
             .await

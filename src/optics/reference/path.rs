@@ -146,7 +146,7 @@ impl Path<'_> {
         // Choose a light.
         let uniform = if has_lobe || total <= 0.0 { UNIFORM_CHOICE } else { 0.0 };
         let scale = if total > 0.0 { (1.0 - uniform) / total } else { 0.0 };
-        let floor = uniform / scene.emitters.len() as f32;
+        let floor = uniform / scene.lit as f32;
         let mut chosen = None;
         let mut running = 0.0;
         for (k, p) in self.choice.iter_mut().enumerate() {
@@ -174,7 +174,7 @@ impl Path<'_> {
         }
         let from = point + normal * (scene.offset * wi.z.signum());
         let target = at.point + at.normal * (scene.offset * cos_light.signum());
-        let visible = !scene.accel.blocked(from, target);
+        let visible = !scene.blocked(from, target, k);
         let pdf = self.choice[k] * at.pdf_area * distance2 / cos_light.abs();
         let light = emitter.radiance * (profile / pdf);
         if self.closed[k] && !visible {

@@ -1,7 +1,8 @@
 //! A scene with everything that is worked out once: the tree, the lights, what each triangle is made of.
 
 use crate::optics::{
-    Albedo, Camera, Error, Material, Role, Scene, accel::Accel, accel::Hit, bsdf::Bsdf, emitter::Emitter,
+    Albedo, Camera, Error, LightShape, Material, Mesh, Role, Scene, accel::Accel, accel::Hit, bsdf::Bsdf,
+    emitter::Emitter,
 };
 use glam::{Vec2, Vec3};
 
@@ -10,11 +11,17 @@ pub struct Prepared {
     pub camera: Camera,
     pub max_events: u32,
     pub emitters: Vec<Emitter>,
+    /// How many of them shine.
+    pub lit: usize,
     pub accel: Accel,
     /// Distance by which rays start off a surface, mm: above the rounding of a hit, far below any detail.
     pub offset: f32,
     /// Boxes around clear bodies: no closed-form light through them.
-    pub clear: Vec<[Vec3; 2]>,
+    clear: Vec<[Vec3; 2]>,
+    /// Rooms: parts that are faces of an axis-aligned box; they block nothing between points inside.
+    rooms: Vec<[Vec3; 2]>,
+    /// Boxes around all other parts, with the light whose flat patch it is.
+    blockers: Vec<([Vec3; 2], Option<usize>)>,
     /// By triangle: index into `parts`.
     part_of: Vec<u32>,
     parts: Vec<Part>,
@@ -50,7 +57,9 @@ impl Prepared {
         let mut triangles = Vec::new();
         let mut part_of = Vec::new();
         let mut parts = Vec::new();
-        let mut clear = Vec::new();
+        let (mut clear, mut rooms, mut blockers) = (Vec::new(), Vec::new(), Vec::new());
+        let extent = extent_of(scene);
+        let margin = extent * 1e-5;
         for surface in &scene.surfaces {
             let mesh = &surface.mesh;
             let textured = matches!(
@@ -65,9 +74,16 @@ impl Prepared {
                     next: "give the mesh one coordinate a vertex, or use a constant albedo".to_owned(),
                 });
             }
-            if matches!(surface.material, Material::Dielectric { .. } | Material::RoughDielectric { .. }) {
-                let inf = Vec3::splat(f32::INFINITY);
-                clear.push(mesh.positions.iter().fold([inf, -inf], |[lo, hi], p| [lo.min(*p), hi.max(*p)]));
+            let bounds = bounds_of(&mesh.positions);
+            let is_clear =
+                matches!(surface.material, Material::Dielectric { .. } | Material::RoughDielectric { .. });
+            if is_clear {
+                clear.push(bounds);
+            }
+            if !is_clear && is_room(mesh, bounds) {
+                rooms.push(bounds);
+            } else {
+                blockers.push((grow(bounds, margin), None));
             }
             let pad = surface.role == Role::Pad;
             let uvs = if textured || (pad && !mesh.uvs.is_empty()) {
@@ -88,6 +104,8 @@ impl Prepared {
         let emitters: Vec<Emitter> = scene.lights.iter().map(Emitter::new).collect();
         for (k, light) in scene.lights.iter().enumerate() {
             let mesh = light.shape.tessellate();
+            let flat = matches!(light.shape, LightShape::Rectangle { .. } | LightShape::Disc { .. });
+            blockers.push((grow(bounds_of(&mesh.positions), margin), flat.then_some(k)));
             part_of.resize(part_of.len() + mesh.triangles.len(), parts.len() as u32);
             parts.push(Part {
                 material: Material::Lambert { albedo: Albedo::Constant(light.albedo) },
@@ -98,14 +116,16 @@ impl Prepared {
             });
             triangles.extend((0..mesh.triangles.len()).map(|k| mesh.corners(k)));
         }
-        let extent = triangles.iter().flatten().fold(0.0f32, |m, p| m.max(p.abs().max_element()));
         Ok(Self {
             camera: scene.camera.clone(),
             max_events: scene.max_events,
+            lit: emitters.iter().filter(|e| !e.is_dark()).count(),
             emitters,
             accel: Accel::new(&triangles),
             offset: extent * 2e-6,
             clear,
+            rooms: rooms.into_iter().map(|room| grow(room, margin)).collect(),
+            blockers,
             part_of,
             parts,
         })
@@ -134,12 +154,57 @@ impl Prepared {
     /// Whether the segment passes a clear body (by its box).
     #[inline]
     pub fn passes_clear(&self, from: Vec3, to: Vec3) -> bool {
-        self.clear.iter().any(|[lo, hi]| {
-            let inverse = (to - from).recip();
-            let (a, b) = ((*lo - from) * inverse, (*hi - from) * inverse);
-            let enter = a.min(b).max_element().max(0.0);
-            let leave = a.max(b).min_element().min(1.0);
-            enter <= leave
-        })
+        self.clear.iter().any(|bounds| overlaps(bounds, from, to))
     }
+
+    /// Whether something stands between a point and a point of a light. No ray is traced where the boxes
+    /// alone tell that nothing does.
+    #[inline]
+    pub fn blocked(&self, from: Vec3, to: Vec3, light: usize) -> bool {
+        let inside = |[lo, hi]: &[Vec3; 2]| {
+            from.cmpge(*lo).all() && from.cmple(*hi).all() && to.cmpge(*lo).all() && to.cmple(*hi).all()
+        };
+        let free = self.rooms.iter().all(inside)
+            && self
+                .blockers
+                .iter()
+                .all(|(bounds, patch)| *patch == Some(light) || !overlaps(bounds, from, to));
+        !free && self.accel.blocked(from, to)
+    }
+}
+
+/// Whether the segment may touch the box; never false when it does.
+#[inline]
+fn overlaps([lo, hi]: &[Vec3; 2], from: Vec3, to: Vec3) -> bool {
+    let inverse = (to - from).recip();
+    let (a, b) = ((*lo - from) * inverse, (*hi - from) * inverse);
+    let enter = a.min(b).max_element().max(0.0);
+    let leave = a.max(b).min_element().min(1.0);
+    // Written so that 0 times infinity counts as an overlap.
+    !(enter > leave)
+}
+
+fn bounds_of(points: &[Vec3]) -> [Vec3; 2] {
+    let inf = Vec3::splat(f32::INFINITY);
+    points.iter().fold([inf, -inf], |[lo, hi], p| [lo.min(*p), hi.max(*p)])
+}
+
+fn grow([lo, hi]: [Vec3; 2], margin: f32) -> [Vec3; 2] {
+    [lo - Vec3::splat(margin), hi + Vec3::splat(margin)]
+}
+
+/// Whether every triangle lies in a face of the mesh's own box.
+fn is_room(mesh: &Mesh, [lo, hi]: [Vec3; 2]) -> bool {
+    let in_face = |[a, b, c]: [Vec3; 3]| {
+        (0..3).any(|axis| [lo, hi].iter().any(|face| [a, b, c].iter().all(|p| p[axis] == face[axis])))
+    };
+    mesh.triangles.len() <= 64 && (0..mesh.triangles.len()).all(|k| in_face(mesh.corners(k)))
+}
+
+/// The largest coordinate of any surface or light.
+fn extent_of(scene: &Scene) -> f32 {
+    let largest = |mesh: &Mesh| mesh.positions.iter().fold(0.0f32, |m, p| m.max(p.abs().max_element()));
+    let surfaces = scene.surfaces.iter().map(|s| largest(&s.mesh));
+    let lights = scene.lights.iter().map(|l| largest(&l.shape.tessellate()));
+    surfaces.chain(lights).fold(0.0, f32::max)
 }
