@@ -75,9 +75,13 @@ fn strip(dataset: &Dataset, shot: &Shot, pane: u32) -> String {
     let mut scores = String::new();
     for (place, name) in [(Where::Contact, "contact"), (Where::Full, "whole")] {
         if let Some((m, n)) = shot.scores(place) {
+            let psnr = |v: f64| if v.is_finite() { format!("{v:.1} dB") } else { "∞ (equal)".into() };
             scores += &format!(
-                "<br>{name}: PSNR {:.1} dB (null {:.1}), SSIM {:.3} (null {:.3})",
-                m.psnr_db, n.psnr_db, m.ssim, n.ssim
+                "<br>{name}: PSNR {} (null {}), SSIM {:.3} (null {:.3})",
+                psnr(m.psnr_db),
+                psnr(n.psnr_db),
+                m.ssim,
+                n.ssim
             );
         }
     }
