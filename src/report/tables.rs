@@ -103,7 +103,15 @@ pub fn scores(facts: &Facts) -> String {
                 format!("{score}, {name}"),
                 number(mean(shots.iter().map(|(_, m, _)| pick(*m))), digits),
                 number(mean(shots.iter().map(|(.., n)| pick(*n))), digits),
-                interval.map_or("–".into(), |i| gain(i, digits, more_is_better)),
+                interval.map_or("–".into(), |i| {
+                    // Resampling one or two episodes would feign certainty.
+                    let episodes: std::collections::BTreeSet<usize> = groups.iter().copied().collect();
+                    if episodes.len() < 3 {
+                        format!("{:+.digits$} (too few episodes for an interval)", i.mean)
+                    } else {
+                        gain(i, digits, more_is_better)
+                    }
+                }),
                 format!("{} of {}", better.count(), shots.len()),
             ]);
         }
