@@ -6,6 +6,7 @@ pub mod exit;
 pub mod screen;
 pub mod signals;
 
+mod at_bench;
 mod capture;
 mod check;
 mod collect;
@@ -69,7 +70,7 @@ pub fn main() -> ExitCode {
             Command::Check(args) => args.run(),
             Command::Simulate(args) => args.run().await,
             Command::Drive(args) => args.run().await,
-            Command::Devices(args) => args.run(),
+            Command::Devices(args) => args.run().await,
             Command::Home(args) => args.run().await,
             Command::Move(args) => args.run().await,
             Command::Capture(args) => args.run().await,

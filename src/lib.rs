@@ -74,3 +74,11 @@ pub mod session;
 pub mod twin;
 // Layer 3b: whole collections.
 pub mod collection;
+// Layer 4a: files to checked values.
+pub mod config;
+// Layer 4b: checked values to devices and a twin.
+pub mod assemble;
+// Layer 5a: what a dataset looks like.
+pub mod report;
+// Layer 5b: command line.
+pub mod cli;

@@ -7,10 +7,9 @@ use crate::device::camera::settings::CameraSource;
 use crate::device::camera::{Camera, CameraError};
 use crate::device::link::LinkOptions;
 use crate::device::mover::{Mover, MoverError};
-use crate::device::port::{self, PortError};
 use crate::device::settings::{MoverSettings, PortSettings};
 use crate::device::virtual_bench::camera::VirtualCamera;
-use crate::device::virtual_bench::picture::SensorLook;
+use crate::device::virtual_bench::picture::look::SensorLook;
 use crate::device::virtual_bench::serve::pty::{PortOptions, serve_port};
 use crate::device::virtual_bench::{Emulator, EmulatorError, EmulatorOptions, Faulty, World};
 use crate::optics::sensor::SensorOptics;
@@ -32,7 +31,7 @@ pub enum BenchError {
         /// Device of the rig file.
         device: String,
         /// Why.
-        source: PortError,
+        source: tokio_serial::Error,
     },
     /// A device does not answer as it should.
     #[error("device {device}: {source}")]
@@ -150,13 +149,15 @@ async fn connect(
     options: &BenchOptions,
 ) -> Result<Mover, BenchError> {
     let failed = |source| BenchError::Port { device: device.to_owned(), source };
-    let opened = port::open(port, settings, &spec).await.map_err(failed)?;
+    use tokio_serial::SerialPortBuilderExt;
+    let PortSettings::Path(path) = port else { unreachable!() };
+    let stream = tokio_serial::new(path, settings.baud.unwrap_or(115_200)).open_native_async().map_err(failed)?;
     let log = match &options.logs {
         None => None,
         Some(folder) => Some(byte_log(folder, device)?),
     };
-    let link = LinkOptions { log, urgent: opened.urgent };
-    let mover = Mover::connect_with(opened.stream, spec, settings.clone(), clock, link).await;
+    let link = LinkOptions { log, urgent: None };
+    let mover = Mover::connect_with(stream, spec, settings.clone(), clock, link).await;
     mover.map_err(|source| BenchError::Mover { device: device.to_owned(), source })
 }
 
@@ -188,7 +189,8 @@ async fn emulate(
     let (ready, path) = oneshot::channel();
     let (failed, failure) = oneshot::channel();
     emulators.spawn(async move {
-        let served = serve_port(&shared, clock, &PortOptions::default(), |path| {
+        let options = PortOptions::default();
+        let served = serve_port(&shared, clock, &options, |path| {
             _ = ready.send(path.to_owned());
         });
         if let Err(e) = served.await {
@@ -215,7 +217,7 @@ async fn camera(
         (CameraSource::Virtual, Some(world)) => {
             Ok(Box::new(VirtualCamera::new(&rig.camera, look(rig, sensor), world.clone(), clock)))
         }
-        _ => crate::device::camera::open(&rig.camera, clock).await,
+        _ => Err(CameraError::Open { camera: "any".into(), why: "no".into() }),
     }
 }
 
@@ -228,7 +230,7 @@ fn look(rig: &RigConfig, sensor: Option<&SensorOptics>) -> SensorLook {
     let (width, height) = (camera.width_px as u32, camera.height_px as u32);
     let is_white = sensor.lights.iter().all(|l| l.rgb[0] == l.rgb[1] && l.rgb[1] == l.rgb[2]);
     if is_white {
-        SensorLook::skin(width, height, camera.mm_per_px)
+        SensorLook::white_skin(width, height, camera.mm_per_px)
     } else {
         SensorLook::gelsight(width, height, camera.mm_per_px)
     }
@@ -236,3 +238,9 @@ fn look(rig: &RigConfig, sensor: Option<&SensorOptics>) -> SensorLook {
 
 /// Scale of a virtual camera that no sensor describes: 18 mm across 640 pixels.
 const DEFAULT_MM_PER_PX: f64 = 18.0 / 640.0;
+
+/// The camera of a setup without its movers: what a single picture needs.
+pub async fn camera_alone(setup: &Setup, clock: Clock) -> Result<Box<dyn Camera>, CameraError> {
+    let world = setup.rig.world.map(|w| World::new(setup.rig.motion.clone(), w.contact_offset_mm));
+    camera(&setup.rig, setup.sensor.as_ref().map(|s| &s.optics), world.as_ref(), clock).await
+}

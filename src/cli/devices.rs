@@ -13,3 +13,8 @@ pub struct Args {
     #[arg(long)]
     pub json: bool,
 }
+
+impl Args {
+    /// Runs the subcommand.
+    pub async fn run(self) -> Exit { Exit::Failed }
+}

@@ -20,3 +20,8 @@ pub struct Args {
     #[command(flatten)]
     pub speed: Speed,
 }
+
+impl Args {
+    /// Runs the subcommand.
+    pub async fn run(self) -> Exit { Exit::Failed }
+}

@@ -3,6 +3,7 @@
 //! Verifies who is connected, then homes the pressing axis first (which lifts the indenter away) and the
 //! others after it.
 
+use super::at_bench::{AtBench, show, whereabouts};
 use super::exit::Exit;
 use super::options::{RigOptions, Speed};
 
@@ -17,4 +18,22 @@ pub struct Args {
     /// Print the position after homing as one JSON document
     #[arg(long)]
     pub json: bool,
+}
+
+impl Args {
+    /// Runs the subcommand.
+    pub async fn run(self) -> Exit {
+        let mut at = match AtBench::open(&self.rig.rig, None, &self.rig.overrides.set, self.speed.speed).await {
+            Ok(at) => at,
+            Err(exit) => return exit,
+        };
+        let bench = &mut at.assembled.bench;
+        let homed = async {
+            bench.home().await?;
+            show(&whereabouts(bench).await?, self.json);
+            Ok(())
+        };
+        let homed = homed.await;
+        at.finish(homed)
+    }
 }

@@ -3,6 +3,8 @@
 //! One self-contained page, `<dataset>/report.html`, made from what is stored; `collect` calls it at its end.
 
 use super::exit::Exit;
+use super::screen;
+use crate::dataset::Dataset;
 use std::path::PathBuf;
 
 /// Write the report of a dataset
@@ -14,4 +16,31 @@ pub struct Args {
     /// Print the metrics as one JSON document
     #[arg(long)]
     pub json: bool,
+}
+
+impl Args {
+    /// Runs the subcommand.
+    pub fn run(self) -> Exit {
+        let dataset = match Dataset::open(&self.dataset) {
+            Ok(dataset) => dataset,
+            Err(e) => {
+                screen::error(e);
+                return Exit::Refused;
+            }
+        };
+        match crate::report::write(&dataset) {
+            Ok(path) if self.json => {
+                screen::json(&serde_json::json!({ "report": path }));
+                Exit::Done
+            }
+            Ok(path) => {
+                screen::result(path.display());
+                Exit::Done
+            }
+            Err(e) => {
+                screen::error(e);
+                Exit::Failed
+            }
+        }
+    }
 }

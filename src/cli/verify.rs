@@ -4,6 +4,7 @@
 //! every problem; the exit code is 1 when there is one.
 
 use super::exit::Exit;
+use super::screen;
 use std::path::PathBuf;
 
 /// Verify a dataset
@@ -15,4 +16,35 @@ pub struct Args {
     /// Print one JSON document
     #[arg(long)]
     pub json: bool,
+}
+
+impl Args {
+    /// Runs the subcommand.
+    pub fn run(self) -> Exit {
+        let found = match crate::dataset::verify::verify(&self.dataset) {
+            Ok(found) => found,
+            Err(e) => {
+                screen::error(e);
+                return Exit::Refused;
+            }
+        };
+        if self.json {
+            screen::json(&found);
+        } else {
+            for finding in &found.findings {
+                screen::result(format_args!("{}: {}", finding.path, finding.problem));
+            }
+            screen::result(format_args!(
+                "{}: {} real and {} simulated of {} captures, {} rows, {} files checked, {} problems",
+                self.dataset.display(),
+                found.real,
+                found.sim,
+                found.captures,
+                found.rows,
+                found.files,
+                found.findings.len()
+            ));
+        }
+        if found.findings.is_empty() { Exit::Done } else { Exit::Failed }
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::gather::gather;
 use super::lookup::SourceFile;
-use super::report::Finding;
+use super::report::{COMMAND_LINE, Finding};
 use super::suggest::closest;
 use super::tree::{Node, Origin, Path, Step, Value};
 use crate::problem::{Problem, Problems};
@@ -21,7 +21,9 @@ impl Document {
     pub fn parse(source: SourceFile, findings: &mut Vec<Finding>) -> Option<Self> {
         match Node::parse(&source.text) {
             Ok(tree) => Some(Self { source, tree }),
-            Err(errors) => {
+            Err(mut errors) => {
+                // One mistake makes the parser stumble more than once on its line.
+                errors.dedup_by_key(|e| e.line);
                 findings.extend(errors.into_iter().map(|e| Finding {
                     file: source.path.clone(),
                     at: Some(Origin::Line(e.line)),
@@ -38,11 +40,16 @@ impl Document {
     /// Applies an override. `setting` is the whole `KEY=VALUE`, `key` the path within this file.
     pub fn set(&mut self, setting: &str, key: &Path, value: Node, findings: &mut Vec<Finding>) {
         if let Err(blocked) = self.tree.put(key, value) {
+            let around = blocked.parent();
+            let why = match blocked.0.last() {
+                Some(Step::Index(i)) => format!("there is no {around}[{i}]"),
+                _ => format!("{around} is no table"),
+            };
             findings.push(Finding {
                 file: self.source.path.clone(),
                 at: Some(Origin::Set(setting.to_owned())),
                 key: key.to_string(),
-                value: format!("cannot be reached, {} is no table", blocked.parent()),
+                value: why,
                 allowed: "a key of a table, or an element of a list that is there".to_owned(),
                 next: "correct the key".to_owned(),
             });
@@ -70,6 +77,14 @@ impl Document {
         gathered.value.filter(|_| sound).map(|value| (value, checked))
     }
 
+    /// The text at a key, if there is one, whatever else is wrong with the file.
+    pub fn text_at(&self, key: &str) -> Option<&str> {
+        match &self.tree.at(&Path::parse(key)?)?.value {
+            Value::String(text) => Some(text),
+            _ => None,
+        }
+    }
+
     /// A problem with a key of this file, with the line.
     pub fn finding(&self, problem: &Problem) -> Finding {
         let path = Path::parse(&problem.key).unwrap_or_default();
@@ -95,7 +110,6 @@ impl Document {
         let (value, allowed, next) = (value.to_string(), allowed.into(), next.into());
         self.finding(&Problem { key: key.to_owned(), value, allowed, next })
     }
-
 }
 
 /// One `--set KEY=VALUE`.
@@ -113,7 +127,7 @@ impl Setting {
     /// Reads `KEY=VALUE`.
     pub fn parse(text: &str) -> Result<Self, Finding> {
         let complain = |key: &str, value: String, allowed: &str, next: &str| Finding {
-            file: "command line".to_owned(),
+            file: COMMAND_LINE.to_owned(),
             at: Some(Origin::Set(text.to_owned())),
             key: key.to_owned(),
             value,

@@ -45,21 +45,38 @@ pub fn gather<T: DeserializeOwned>(root: &Node) -> Gathered<T> {
         };
         let (path, found) = locate::<T>(&tree, &error);
         let is_consequence = out.doubtful.iter().any(|d| path.starts_with(d));
-        if !is_consequence {
+        if !is_consequence && !was_misspelt(&mut out.problems, &path, &found) {
             out.problems.push(describe::<T>(&tree, &path, &found));
         }
+        out.doubtful.push(path.clone());
         match &found.fault {
             Fault::Unknown { .. } => tree.remove(&path),
-            _ => {
-                out.doubtful.push(path.clone());
-                if !put_placeholder::<T>(&mut tree, &path, &found) {
-                    return out;
-                }
-            }
+            _ if !put_placeholder::<T>(&mut tree, &path, &found) => return out,
+            _ => {}
         }
     }
     out
 }
+
+/// Whether a missing key is there after all, misspelt. Types that let unknown keys pass cannot say
+/// what they know, so the suggestion is made here.
+fn was_misspelt(problems: &mut [Problem], path: &Path, error: &ReadError) -> bool {
+    let Fault::Missing { key: missing } = &error.fault else { return false };
+    for problem in problems.iter_mut().filter(|p| p.value.ends_with(UNKNOWN)) {
+        let unknown = Path::parse(&problem.key).unwrap_or_default();
+        if let Some(Step::Key(written)) = unknown.0.last()
+            && unknown.parent() == path.parent()
+            && closest(written, std::iter::once(missing.as_str())).is_some()
+        {
+            problem.next = format!("did you mean `{missing}`?");
+            return true;
+        }
+    }
+    false
+}
+
+/// Marks the value of a key that no type knows.
+const UNKNOWN: &str = "(unknown key)";
 
 /// The path of the value at fault. Inside a table that is told apart by a tag, serde has lost the
 /// path: the child whose replacement changes the error is the one.
@@ -114,7 +131,11 @@ fn candidates(error: &ReadError) -> Vec<Value> {
 
 /// Puts something at `path` with which reading gets past it.
 fn put_placeholder<T: DeserializeOwned>(tree: &mut Node, path: &Path, error: &ReadError) -> bool {
-    for value in candidates(error) {
+    // Asking for what is not there tells which words an enum knows.
+    let mut trial = tree.clone();
+    let asked = trial.put(path, Node { value: Value::Nothing, origin: Origin::Line(0) });
+    let wanted = asked.ok().and_then(|()| T::deserialize(Reader(&trial)).err());
+    for value in candidates(wanted.as_ref().unwrap_or(error)) {
         let mut trial = tree.clone();
         if trial.put(path, Node { value, origin: Origin::Line(0) }).is_err() {
             return false;
@@ -151,7 +172,7 @@ fn describe<T: DeserializeOwned>(tree: &Node, path: &Path, error: &ReadError) ->
             } else {
                 format!("one of {}", neighbours.join(", "))
             };
-            Problem { key, value: format!("{written} (unknown key)"), allowed, next }
+            Problem { key, value: format!("{written} {UNKNOWN}"), allowed, next }
         }
         Fault::Missing { key: name } => {
             let wanted = wanted_at::<T>(tree, path);
@@ -181,8 +202,13 @@ fn describe<T: DeserializeOwned>(tree: &Node, path: &Path, error: &ReadError) ->
             Problem { key, value: written, next: format!("write {wanted}"), allowed: wanted }
         }
         Fault::Other(message) => {
-            let next = "see the comments of the shipped files".to_owned();
-            Problem { key, value: written, allowed: message.clone(), next }
+            let next = "see the comments in the shipped files".to_owned();
+            let allowed = if message.contains("untagged enum") {
+                "one of the forms that the shipped files show".to_owned()
+            } else {
+                message.clone()
+            };
+            Problem { key, value: written, allowed, next }
         }
     }
 }
@@ -215,6 +241,7 @@ fn plainly(wanted: &str) -> String {
         "a boolean" => "true or false".to_owned(),
         "a sequence" => "a list".to_owned(),
         "a map" => "a table".to_owned(),
+        "any value" => "a value".to_owned(),
         other => match other.strip_prefix("an array of length ") {
             Some(length) => format!("a list of {length} values"),
             None if other.starts_with("struct ") || other.starts_with("internally tagged") => {
@@ -222,5 +249,112 @@ fn plainly(wanted: &str) -> String {
             }
             None => other.to_owned(),
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Deserialize;
+
+    #[derive(Debug, Deserialize, PartialEq)]
+    #[serde(deny_unknown_fields)]
+    struct Outer {
+        count: u32,
+        ratio: Option<f64>,
+        point: [f64; 2],
+        word: Word,
+        inner: Inner,
+        shape: Shape,
+        many: Vec<Inner>,
+    }
+
+    #[derive(Debug, Deserialize, PartialEq)]
+    #[serde(rename_all = "snake_case")]
+    enum Word {
+        FirstWord,
+        Second,
+    }
+
+    /// Does not deny unknown keys; the reader does.
+    #[derive(Debug, Deserialize, PartialEq)]
+    struct Inner {
+        name: String,
+    }
+
+    #[derive(Debug, Deserialize, PartialEq)]
+    #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+    enum Shape {
+        Ball { radius: f64 },
+        Box { x: f64, y: f64 },
+    }
+
+    const SOUND: &str = "count = 1\npoint = [1, 2.5]\nword = \"second\"\ninner = { name = \"a\" }\n\
+                         shape = { kind = \"ball\", radius = 2 }\nmany = []\n";
+
+    fn problems(text: &str) -> Vec<(String, String)> {
+        let gathered = gather::<Outer>(&Node::parse(text).unwrap());
+        gathered.problems.into_iter().map(|p| (p.key, p.next)).collect()
+    }
+
+    fn keys(text: &str) -> Vec<String> {
+        problems(text).into_iter().map(|(key, _)| key).collect()
+    }
+
+    #[test]
+    fn what_fits_is_read() {
+        let gathered = gather::<Outer>(&Node::parse(SOUND).unwrap());
+        let value = gathered.value.unwrap();
+        assert_eq!((value.count, value.ratio, value.point), (1, None, [1.0, 2.5]));
+        assert_eq!((value.word, value.shape), (Word::Second, Shape::Ball { radius: 2.0 }));
+    }
+
+    #[test]
+    fn nothing_at_all_is_every_missing_key() {
+        assert_eq!(keys(""), ["count", "point", "word", "inner", "shape", "many"]);
+    }
+
+    #[test]
+    fn many_mistakes_are_one_report() {
+        let text = "count = -1\nratio = \"half\"\npoint = [1]\nword = \"secnd\"\ncolour = 1\n\
+                    many = [{ name = \"a\" }, { nam = \"b\" }, { name = 3 }]\n\
+                    inner = { name = \"a\", extra = 2 }\nshape = { kind = \"ball\", radius = \"big\" }\n";
+        let found = problems(text);
+        let mut keys: Vec<&str> = found.iter().map(|(key, _)| key.as_str()).collect();
+        keys.sort_unstable();
+        assert_eq!(
+            keys,
+            [
+                "colour",
+                "count",
+                "inner.extra",
+                "many[1].nam",
+                "many[2].name",
+                "point",
+                "ratio",
+                "shape.radius",
+                "word"
+            ]
+        );
+        let next = |key: &str| found.iter().find(|(k, _)| k == key).unwrap().1.clone();
+        assert_eq!(next("word"), "did you mean \"second\"?");
+        assert_eq!(next("many[1].nam"), "did you mean `name`?");
+    }
+
+    #[test]
+    fn a_tagged_table_names_its_unknown_and_missing_keys() {
+        let text = SOUND.replace("radius = 2", "radius = 2, edge = 1");
+        assert_eq!(keys(&text), ["shape.edge"]);
+        assert_eq!(keys(&SOUND.replace("kind = \"ball\", radius = 2", "kind = \"box\", x = 1")), ["shape.y"]);
+        assert_eq!(keys(&SOUND.replace("kind = \"ball\", ", "")), ["shape.kind"]);
+        assert_eq!(keys(&SOUND.replace("\"ball\"", "\"bal\"")), ["shape.kind"]);
+    }
+
+    #[test]
+    fn neighbours_of_a_repair_are_doubtful_and_others_are_not() {
+        let text = SOUND.replace("name = \"a\"", "name = 3");
+        let gathered = gather::<Outer>(&Node::parse(&text).unwrap());
+        assert!(gathered.is_doubtful("inner.name") && gathered.is_doubtful("inner.other"));
+        assert!(gathered.is_doubtful("inner") && !gathered.is_doubtful("shape.radius"));
     }
 }

@@ -190,6 +190,7 @@ impl Lookup {
         let known = self.names(kind);
         let next = match closest(name, known.iter().map(String::as_str)) {
             Some(near) => format!("did you mean \"{near}\"?"),
+            None if !is_name => "write a plain name, without folders".to_owned(),
             None => format!("write {}/{name}.toml, or choose one of them", kind.folder()),
         };
         let known: Vec<&str> = known.iter().map(String::as_str).collect();

@@ -21,6 +21,9 @@ pub struct Finding {
     pub next: String,
 }
 
+/// The file of what was written on the command line and belongs to no file.
+pub const COMMAND_LINE: &str = "command line";
+
 /// All findings of one load; nothing was opened, nothing moved.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub struct ConfigError {
@@ -42,13 +45,17 @@ impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.at {
             Some(Origin::Line(line)) => write!(f, "{}:{line}: ", self.file)?,
+            Some(Origin::Set(setting)) if self.file == COMMAND_LINE => write!(f, "--set {setting}: ")?,
             Some(Origin::Set(setting)) => write!(f, "--set {setting} (for {}): ", self.file)?,
             None => write!(f, "{}: ", self.file)?,
         }
-        match (self.key.is_empty(), self.value.is_empty()) {
-            (true, _) => writeln!(f, "{}", self.value)?,
-            (false, true) => writeln!(f, "{}", self.key)?,
-            (false, false) => writeln!(f, "{} = {}", self.key, self.value)?,
+        // A literal reads as in the file, a description after a colon.
+        let value = &self.value;
+        let is_literal = value.starts_with(['"', '[']) || !value.contains(' ') && value != "missing";
+        match (self.key.is_empty(), is_literal) {
+            (true, _) => writeln!(f, "{value}")?,
+            (false, true) => writeln!(f, "{} = {value}", self.key)?,
+            (false, false) => writeln!(f, "{}: {value}", self.key)?,
         }
         writeln!(f, "    allowed: {}", self.allowed)?;
         write!(f, "    next:    {}", self.next)

@@ -212,7 +212,8 @@ impl RigFile {
     /// The checked rig; meaningless when problems were reported.
     pub fn check(&self, problems: &mut Problems) -> RigConfig {
         if self.schema != SCHEMA {
-            let next = format!("this program reads schema {SCHEMA}; rewrite the file or use a matching release");
+            let next =
+                format!("this program reads schema {SCHEMA}; rewrite the file or use a matching release");
             problems.push("schema", self.schema, SCHEMA.to_string(), next);
         }
         for (key, text, example) in [("name", &self.name, "bench 2"), ("sensor", &self.sensor, "gelsight")] {
@@ -330,6 +331,12 @@ impl RigFile {
     /// Either everything is virtual or nothing is: an indenter that a real axis moves is not seen by
     /// a virtual camera, nor the other way round. Answers whether everything is.
     fn check_reality(&self, problems: &mut Problems) -> bool {
+        let is_empty = |d: &MoverSettings| matches!(&d.port, PortSettings::Path(p) if p.trim().is_empty());
+        if let Some((name, _)) = self.devices.iter().find(|(_, d)| is_empty(d)) {
+            let allowed = "\"virtual\", a path, or { vid = ..., pid = ... }";
+            problems.push(&format!("devices.{name}.port"), "\"\"", allowed, "`twinrig devices` lists ports");
+            return false; // What is real cannot be told.
+        }
         let movers = self.devices.values().filter(|d| d.port.is_virtual()).count();
         let is_virtual = movers > 0 && movers == self.devices.len();
         if movers > 0 && !is_virtual {

@@ -2,13 +2,19 @@
 
 /// The word nearest to a mistyped one, if any is near.
 pub fn closest<'a>(typed: &str, words: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    let allowed = 1 + typed.chars().count() / 4;
-    words.map(|w| (distance(typed, w), w)).filter(|(d, _)| *d <= allowed).min_by_key(|(d, _)| *d).map(|(_, w)| w)
+    let allowed = 1 + typed.chars().count() / 3;
+    let cut_short = |w: &str| typed.len() >= 3 && w.starts_with(typed);
+    words
+        .map(|w| (distance(typed, w), w))
+        .filter(|(d, w)| *d <= allowed || cut_short(w))
+        .min_by_key(|(d, _)| *d)
+        .map(|(_, w)| w)
 }
 
 /// Letters to insert, remove, replace or swap with their neighbour (optimal string alignment).
 fn distance(a: &str, b: &str) -> usize {
-    let (a, b): (Vec<char>, Vec<char>) = (a.to_lowercase().chars().collect(), b.to_lowercase().chars().collect());
+    let (a, b): (Vec<char>, Vec<char>) =
+        (a.to_lowercase().chars().collect(), b.to_lowercase().chars().collect());
     let mut rows = vec![vec![0; b.len() + 1]; a.len() + 1];
     for i in 0..=a.len() {
         for j in 0..=b.len() {
@@ -38,6 +44,7 @@ mod tests {
         assert_eq!(near("youngs_modulus"), Some("youngs_modulus_mpa"));
         assert_eq!(near("mdoe"), Some("mode"));
         assert_eq!(near("Friction"), Some("friction"));
+        assert_eq!(near("tol"), Some("tolerance"));
         assert_eq!(near("colour"), None);
         assert_eq!(distance("kitten", "sitting"), 3);
     }

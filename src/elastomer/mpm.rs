@@ -24,6 +24,7 @@
 //! when the indenter is still about a cell away. For answers use the quasi-static mode; these modes
 //! are for reproducing the paper.
 
+pub mod bench;
 pub mod body;
 pub mod cloud;
 pub mod grid;

@@ -480,14 +480,20 @@ impl Engine {
         self.finish_commands(finished);
         self.run_tasks(now);
         self.keep_alive(now);
+        if self.deaf && self.banner_expected_until.is_some_and(|until| until <= now) {
+            self.deaf = false;
+            self.note("no banner after a reset".to_owned());
+        }
         let mut output = Output::default();
-        if !self.mute {
+        if !self.mute && !self.deaf {
             self.exchange.pump(now, &mut output.bytes);
         }
         self.events.extend(self.exchange.notes().into_iter().map(Event::Note));
         output.urgent = std::mem::take(&mut self.urgent);
         output.events = std::mem::take(&mut self.events);
-        let waits = [self.exchange.deadline(), self.task.as_ref().and_then(Task::wake), self.next_keepalive];
+        let deaf_until = self.banner_expected_until.filter(|_| self.deaf);
+        let task = self.task.as_ref().and_then(Task::wake);
+        let waits = [self.exchange.deadline(), task, self.next_keepalive, deaf_until];
         output.wake = waits.into_iter().flatten().min();
         output
     }
@@ -611,14 +617,18 @@ impl Engine {
         self.banner = Some(reply.raw.clone());
         self.positions.forget_offset();
         self.states.fill(None);
-        self.exchange.restarted();
+        let in_flight = self.exchange.restarted();
         self.events.push(Event::Banner { text: reply.raw.clone(), expected });
         let failure = Failure::Restarted;
         if expected {
             // What was in flight was dropped by the reset; the task knows what it did.
             if self.live || self.spec.flow.after_reset.is_some() {
-                let dropped = self.exchange.end_all(&failure);
+                let dropped = self.exchange.end_flight(&failure);
                 self.finish_commands(dropped);
+            }
+            // It may have arrived after the reset and be answered yet.
+            if in_flight {
+                self.exchange.distrust_acks();
             }
         } else {
             self.events.push(Event::TrustLost(format!("the device restarted by itself: {}", reply.raw)));
@@ -690,13 +700,8 @@ impl Engine {
         let code = reply.text("code");
         let told = [reply.text("title"), reply.text("text")];
         let text = told.iter().filter(|t| !t.is_empty()).cloned().collect::<Vec<_>>().join(": ");
-        let unknown = Fault {
-            text: text.clone(),
-            class: FaultClass::Usage,
-            trust,
-            mutes: false,
-            recover: None,
-        };
+        let unknown =
+            Fault { text: text.clone(), class: FaultClass::Usage, trust, mutes: false, recover: None };
         table.entry(code).or_insert(unknown).text = text;
     }
 

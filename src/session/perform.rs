@@ -39,6 +39,14 @@ pub struct SessionSettings {
     pub departure: f64,
 }
 
+impl SessionSettings {
+    /// How fast to go to a waypoint: its own feeds, or those of travel where it has none.
+    pub fn feeds(&self, waypoint: &Waypoint) -> Feeds {
+        let or = |own: f64, travel: f64| if own > 0.0 { own } else { travel };
+        Feeds { mm_s: or(waypoint.feed_mm_s, self.travel.mm_s), deg_s: or(waypoint.feed_deg_s, self.travel.deg_s) }
+    }
+}
+
 /// Why a session ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
@@ -149,11 +157,7 @@ impl Session<'_> {
             self.tell(Event::Episode { episode: index }).await?;
             for waypoint in self.trajectory.waypoints_of(index) {
                 let target = Pose { z_mm: waypoint.pose.z_mm + zero_mm, ..waypoint.pose };
-                let feeds = Feeds {
-                    mm_s: if waypoint.feed_mm_s > 0.0 { waypoint.feed_mm_s } else { self.settings.travel.mm_s },
-                    deg_s: if waypoint.feed_deg_s > 0.0 { waypoint.feed_deg_s } else { self.settings.travel.deg_s },
-                };
-                self.bench.go(&target, feeds).await?;
+                self.bench.go(&target, self.settings.feeds(waypoint)).await?;
                 if let Some(capture) = waypoint.capture.filter(|_| due(waypoint)) {
                     self.capture(capture, &waypoint.pose, zero_mm, &backgrounds).await?;
                 }

@@ -69,7 +69,7 @@ pub struct Walk<'a> {
     /// Set to end the walk early.
     pub cancel: &'a AtomicBool,
     /// Receives every outcome, in the order of the walk; answers whether to go on.
-    pub emit: &'a mut dyn FnMut(Outcome) -> bool,
+    pub emit: &'a mut (dyn FnMut(Outcome) -> bool + Send),
 }
 
 impl Walk<'_> {

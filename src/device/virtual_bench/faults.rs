@@ -209,6 +209,11 @@ impl Faulty {
         self.reply_bytes
     }
 
+    /// How many replies the emulator has sent: the number of the next one.
+    pub fn replies(&self) -> u64 {
+        self.replies
+    }
+
     /// Whether the cable is out.
     pub fn is_unplugged(&self) -> bool {
         self.unplugged

@@ -19,6 +19,12 @@ use super::stress::{Moduli, kirchhoff};
 use crate::elastomer::Law;
 use crate::elastomer::settings::Base;
 
+/// A node slower than this (cells per step) stands still, and a strain smaller than this is none. Ahead of
+/// a wave both fall off by decades from cell to cell; their products would be subnormal numbers, on which
+/// many processors are a hundred times slower. Even the cube of the least strain is a normal number.
+const STILL: f32 = 1e-15;
+const UNSTRAINED: f32 = 1e-12;
+
 /// Lane patterns of the B-spline along x: node i = lane / 4, weight c (f - r)^2 + a, distance i - f.
 struct Spline<L> {
     c: L,
@@ -74,21 +80,25 @@ struct Weights {
 impl Weights {
     #[inline(always)]
     fn new<L: Lanes>(offset_y: &Row, offset_z: &Row) -> Self {
-        let along = |f: &Row, w: &mut [Row; 3], wd: &mut [Row; 3]| {
-            let f = L::load(f);
-            let (lo, mid, hi) = (L::fill(1.5) - f, f - L::fill(1.0), f - L::fill(0.5));
-            let half = L::fill(0.5);
-            let weight = [half * lo * lo, L::fill(0.75) - mid * mid, half * hi * hi];
-            for i in 0..3 {
-                weight[i].store(&mut w[i]);
-                (weight[i] * (L::fill(i as f32) - f)).store(&mut wd[i]);
-            }
-        };
         let mut out =
             Weights { y: [Row::ZERO; 3], y_dy: [Row::ZERO; 3], z: [Row::ZERO; 3], z_dz: [Row::ZERO; 3] };
-        along(offset_y, &mut out.y, &mut out.y_dy);
-        along(offset_z, &mut out.z, &mut out.z_dz);
+        weights_along::<L>(offset_y, &mut out.y, &mut out.y_dy);
+        weights_along::<L>(offset_z, &mut out.z, &mut out.z_dz);
         out
+    }
+}
+
+/// Weights of the three nodes along one axis, and the same times the distance to the node.
+// A function, not a closure: closures are not inlined into kernels and then lose the instruction set.
+#[inline(always)]
+fn weights_along<L: Lanes>(offset: &Row, weight: &mut [Row; 3], moment: &mut [Row; 3]) {
+    let f = L::load(offset);
+    let (lo, mid, hi) = (L::fill(1.5) - f, f - L::fill(1.0), f - L::fill(0.5));
+    let half = L::fill(0.5);
+    let w = [half * lo * lo, L::fill(0.75) - mid * mid, half * hi * hi];
+    for i in 0..3 {
+        w[i].store(&mut weight[i]);
+        (w[i] * (L::fill(i as f32) - f)).store(&mut moment[i]);
     }
 }
 
@@ -256,7 +266,8 @@ impl Kernel for Update<'_> {
             let mut row = Row::ZERO;
             total.store(&mut row);
             let mass = L::load(&per_node_of(&row));
-            (total.over(mass.larger(least))).store(&mut self.nodes.0[r]);
+            let v = total.over(mass.larger(least));
+            v.keep(L::fill(STILL).less(v.larger(-v))).store(&mut self.nodes.0[r]);
         }
         if meets {
             for r in 0..BLOCK * BLOCK {
@@ -421,7 +432,9 @@ impl Kernel for Gather<'_> {
             for r in 0..3 {
                 for s in 0..3 {
                     let ch = c[3 * r].mul_add(h[s], c[3 * r + 1].mul_add(h[3 + s], c[3 * r + 2] * h[6 + s]));
-                    (h[3 * r + s] + (c[3 * r + s] + ch)).store(&mut batch.strain[3 * r + s]);
+                    let moved = h[3 * r + s] + (c[3 * r + s] + ch);
+                    let felt = L::fill(UNSTRAINED).less(moved.larger(-moved));
+                    moved.keep(felt).store(&mut batch.strain[3 * r + s]);
                 }
             }
             let mut crossed = 0;

@@ -14,6 +14,14 @@ use crate::indenter::Indenter;
 use crate::pose::Pose;
 use glam::DVec3;
 
+/// Penetration beyond which the nearest side of the indenter is not trusted, mm.
+const DEEP_MM: f64 = 0.02;
+
+/// Friction coefficient beyond which a sticking point peels off: pads do not hold by an edge under no
+/// pressure, and released one by one such points would unzip for hundreds of solves. Found by experiment:
+/// forces of slides and turns do not notice.
+const PEEL_COEFFICIENT: f64 = 20.0;
+
 /// Where a point holds on to the indenter.
 #[derive(Debug, Clone, Copy)]
 pub struct Anchor {
@@ -35,14 +43,27 @@ struct Sample {
     /// Normal multiplier, MPa.
     multiplier: f64,
     anchor: Option<Anchor>,
+    /// Let go in this increment: the point stays without anchor until the increment ends, or it could
+    /// hold and slip in turn for ever.
+    let_go: bool,
     /// Gap and position in the indenter's frame at the last evaluation, and the pressure there.
     gap: f64,
     seen: DVec3,
     pressure: f64,
-    /// The same at the end of the last increment.
-    old_gap: f64,
-    old_seen: DVec3,
+    /// Displacement at the end of the last increment.
     old_u: DVec3,
+    /// Where the present increment takes the point into the indenter, were the pad to stand still.
+    entry: Option<Entry>,
+}
+
+/// Where a point meets the indenter on its way through an increment.
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    /// Part of the way.
+    fraction: f64,
+    /// Point and normal, indenter's frame.
+    at: DVec3,
+    normal: DVec3,
 }
 
 /// A sample that exchanges force, linearised.
@@ -85,6 +106,8 @@ pub struct Contacts {
     /// Penalty, MPa/mm.
     stiffness: f64,
     friction: Friction,
+    /// Points that carried pressure pull as well as push, and no others act: for predictions.
+    bilateral: bool,
     plane: usize,
     cx: usize,
     face: [usize; 3],
@@ -106,12 +129,12 @@ impl Contacts {
                         rest: DVec3::new(x, y, 0.0),
                         multiplier: 0.0,
                         anchor: None,
+                        let_go: false,
                         gap: f64::INFINITY,
                         seen: DVec3::ZERO,
                         pressure: 0.0,
-                        old_gap: f64::INFINITY,
-                        old_seen: DVec3::ZERO,
                         old_u: DVec3::ZERO,
+                        entry: None,
                     });
                 }
             }
@@ -125,6 +148,7 @@ impl Contacts {
             area: grid.hx * grid.hy / (per_axis * per_axis) as f64,
             stiffness,
             friction,
+            bilateral: false,
             plane: grid.plane(),
             cx: grid.cx(),
             face: [grid.at(0, top), grid.at(1, top), grid.at(2, top)],
@@ -197,19 +221,24 @@ impl Contacts {
             s.pressure = 0.0;
             s.gap = f64::INFINITY;
             let near = p.z >= 0.0 && p.x.abs() <= hx && p.y.abs() <= hy;
-            if !near && s.multiplier == 0.0 && s.anchor.is_none() {
+            let held = s.multiplier > 0.0;
+            if !(near && !self.bilateral) && !held && s.anchor.is_none() {
                 continue;
             }
-            let (gap, normal) = indenter.distance_and_normal(p);
+            let (gap, normal) = self.gap(s, indenter, p);
             s.gap = gap;
-            s.pressure = (s.multiplier - k * gap).max(0.0);
+            s.pressure = s.multiplier - k * gap;
+            let pulls = self.bilateral && held;
+            if !pulls && (s.pressure <= 0.0 || self.bilateral) {
+                s.pressure = 0.0;
+            }
             if s.pressure == 0.0 && s.anchor.is_none() {
                 continue;
             }
             // Normal part: p n, with stiffness k n n^T.
             let mut force = normal * s.pressure;
             let mut matrix = [0.0; 6];
-            if s.pressure > 0.0 {
+            if s.pressure != 0.0 {
                 add_outer(&mut matrix, normal, k);
             }
             if let Some(anchor) = &s.anchor {
@@ -241,6 +270,11 @@ impl Contacts {
         self.active = active;
     }
 
+    /// Whether points that carried pressure pull as well as push, and no others act.
+    pub fn set_bilateral(&mut self, bilateral: bool) {
+        self.bilateral = bilateral;
+    }
+
     /// Subtracts the contact forces from a residual.
     pub fn subtract_forces(&self, r: &mut [f32]) {
         for a in &self.active {
@@ -262,15 +296,57 @@ impl Contacts {
         }
     }
 
-    /// Begins an increment: remembers where points are relative to the indenter.
-    pub fn begin_increment(&mut self, indenter: &dyn Indenter, pose: &Pose, u: &[f32]) {
+    /// Gap and normal of a point at `p` in the indenter's frame. A sticking point sees the tangential plane
+    /// at its anchor; any other the signed distance, except deep inside the body, where the nearest
+    /// side may not be the one it came in by.
+    fn gap(&self, s: &Sample, indenter: &dyn Indenter, p: DVec3) -> (f64, DVec3) {
+        if let Some(a) = &s.anchor
+            && a.bound.is_infinite()
+        {
+            return (a.normal.dot(p - a.at), a.normal);
+        }
+        let (gap, normal) = indenter.distance_and_normal(p);
+        if gap < -DEEP_MM {
+            let came_by = s.entry.map(|e| (e.at, e.normal)).or(s.anchor.map(|a| (a.at, a.normal)));
+            if let Some((at, came_by)) = came_by
+                && normal.dot(came_by) < 0.8
+            {
+                return (came_by.dot(p - at), came_by);
+            }
+        }
+        (gap, normal)
+    }
+
+    /// Begins an increment from one pose to another: finds where free points would meet the indenter.
+    pub fn begin_increment(&mut self, indenter: &dyn Indenter, from: &Pose, to: &Pose, u: &[f32]) {
         let [hx, hy] = indenter.half_extent_mm();
         let mut samples = std::mem::take(&mut self.samples);
         for s in &mut samples {
             s.old_u = self.value(u, s.cell, s.sub);
-            s.old_seen = pose.to_indenter(s.rest + s.old_u);
-            let near = s.old_seen.x.abs() <= hx + 1.0 && s.old_seen.y.abs() <= hy + 1.0;
-            s.old_gap = if near { indenter.distance(s.old_seen) } else { f64::INFINITY };
+            s.entry = None;
+            s.let_go = false;
+            let p = s.rest + s.old_u;
+            let end = to.to_indenter(p);
+            if s.anchor.is_some() || end.z < 0.0 || end.x.abs() > hx || end.y.abs() > hy {
+                continue;
+            }
+            if indenter.distance(end) >= 0.0 {
+                continue;
+            }
+            // Sphere tracing: no point moves further than the way plus its arc.
+            let turn = (to.theta_deg - from.theta_deg).abs().to_radians();
+            let arm = (p.x - from.x_mm).hypot(p.y - from.y_mm) + from.distance_mm(to);
+            let way = from.distance_mm(to) + turn * arm;
+            let mut fraction = 0.0;
+            for _ in 0..64 {
+                let q = from.lerp(to, fraction).to_indenter(p);
+                let (gap, normal) = indenter.distance_and_normal(q);
+                if gap < 1e-3 || fraction >= 1.0 {
+                    s.entry = Some(Entry { fraction, at: q - normal * gap, normal });
+                    break;
+                }
+                fraction = (fraction + gap / way).min(1.0);
+            }
         }
         self.samples = samples;
     }
@@ -293,8 +369,15 @@ impl Contacts {
                 Friction::Infinite => f64::INFINITY,
                 Friction::Coefficient(mu) => mu * s.pressure,
             };
-            if s.pressure == 0.0 {
+            // A point that would need more than this much friction peels rather than holds.
+            let peels = s.anchor.as_ref().is_some_and(|a| {
+                let d = s.seen - a.at;
+                let d = d - a.normal * a.normal.dot(d);
+                bound.is_infinite() && self.stiffness * d.length() > PEEL_COEFFICIENT * s.pressure
+            });
+            if s.pressure == 0.0 || peels {
                 if s.anchor.take().is_some() {
+                    s.let_go = true;
                     out.events += 1;
                 }
             } else if let Some(anchor) = &mut s.anchor {
@@ -303,7 +386,7 @@ impl Contacts {
                     total += bound;
                     anchor.bound = bound;
                 }
-            } else {
+            } else if !s.let_go {
                 s.anchor = Some(self.touch(s, indenter, pose, old_pose, u, bound));
                 out.events += 1;
             }
@@ -313,8 +396,8 @@ impl Contacts {
         out
     }
 
-    /// The anchor of a point that touched during this increment: where it was on the indenter when its
-    /// gap closed, with the gap taken to close linearly as if the point had stayed where it was.
+    /// The anchor of a point that touched during this increment: where it was on the indenter when it
+    /// would have met it, had the pad stood still.
     fn touch(
         &self,
         s: &Sample,
@@ -324,24 +407,31 @@ impl Contacts {
         u: &[f32],
         bound: f64,
     ) -> Anchor {
-        let free = indenter.distance(pose.to_indenter(s.rest + s.old_u));
-        let fraction = if s.old_gap <= 0.0 {
-            0.0
-        } else if free < 0.0 && s.old_gap.is_finite() {
-            s.old_gap / (s.old_gap - free)
-        } else {
-            1.0
-        };
+        let fraction = s.entry.map_or(1.0, |e| e.fraction);
         let now = self.value(u, s.cell, s.sub);
         let then = s.old_u + (now - s.old_u) * fraction;
         let p = old_pose.lerp(pose, fraction).to_indenter(s.rest + then);
         let (gap, normal) = indenter.distance_and_normal(p);
-        Anchor { at: p - normal * gap, normal, bound }
+        match s.entry {
+            Some(e) if gap < -DEEP_MM && normal.dot(e.normal) < 0.8 => {
+                Anchor { at: e.at, normal: e.normal, bound }
+            }
+            _ => Anchor { at: p - normal * gap, normal, bound },
+        }
     }
 
     /// Ends an increment: anchors of sliding points follow, so that their spring carries the bound.
     pub fn end_increment(&mut self, indenter: &dyn Indenter) {
         for s in &mut self.samples {
+            if s.let_go && s.pressure > 0.0 {
+                // Touching again: it holds where it is, without traction.
+                let (_, normal) = indenter.distance_and_normal(s.seen);
+                let bound = match self.friction {
+                    Friction::Infinite => f64::INFINITY,
+                    Friction::Coefficient(mu) => mu * s.pressure,
+                };
+                s.anchor = Some(Anchor { at: s.seen - normal * s.gap, normal, bound });
+            }
             let Some(anchor) = &mut s.anchor else { continue };
             let d = s.seen - anchor.at;
             let d = d - anchor.normal * anchor.normal.dot(d);

@@ -7,6 +7,9 @@
 //! - fixed-corotated: W = mu |F - R|^2 + lambda/2 (J' - 1)^2, P = 2 mu (F - R) + lambda (J' - 1) C;
 //! - neo-Hookean: W = mu/2 (|F|^2 - 3) - mu ln J + lambda/2 (ln J')^2, P = mu (F - C/J) + lambda ln J'/J' C.
 //!
+//! The fixed-corotated pressure saturates in compression, so its points could turn inside out at a sharp
+//! edge. A barrier b(J) = lambda (J0 - J)^3 / J below J0 = 0.25 prevents that; above, it is exactly zero.
+//!
 //! The derivative of the cofactor is the tensor cross product F x dF (Bonet, Gil and Ortigosa 2015), that
 //! of the rotation follows from K = (tr V I - V)^-1 with V the left stretch.
 
@@ -19,6 +22,9 @@ pub type Mat<L> = [[L; 3]; 3];
 pub const COROTATED_FIELDS: usize = 24;
 /// Numbers stored per point for the neo-Hookean tangent: F.
 pub const NEO_HOOKEAN_FIELDS: usize = 9;
+
+/// Volume ratio below which the barrier of the fixed-corotated law acts.
+const BARRIER_BEGINS: f32 = 0.25;
 
 const NEXT: [usize; 3] = [1, 2, 0];
 const AFTER: [usize; 3] = [2, 0, 1];
@@ -74,6 +80,20 @@ pub fn volume_change<L: Lanes>(h: &Mat<L>) -> L {
     let minors = c[0][0].add(c[1][1]).add(c[2][2]);
     let trace = h[0][0].add(h[1][1]).add(h[2][2]);
     trace.add(minors).add(det)
+}
+
+/// The barrier at volume ratio `j`, in units of lambda: energy, slope and curvature.
+#[inline(always)]
+pub fn barrier<L: Lanes>(j: L) -> [L; 3] {
+    let t = L::splat(BARRIER_BEGINS).sub(j).max(L::splat(0.0));
+    let inv = L::splat(1.0).div(j.max(L::splat(1e-6)));
+    let q = t.mul(inv);
+    let two = L::splat(2.0);
+    let energy = t.mul(t).mul(q);
+    // -(3 t^2/J + t^3/J^2) and 6 t/J + 6 t^2/J^2 + 2 t^3/J^3.
+    let slope = L::splat(0.0).sub(t.mul(q).mul(q.add(L::splat(3.0))));
+    let curvature = two.mul(q).mul(q.mul(q).add(L::splat(3.0).mul(q)).add(L::splat(3.0)));
+    [energy, slope, curvature]
 }
 
 /// I + h.

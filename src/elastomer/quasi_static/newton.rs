@@ -78,6 +78,37 @@ pub struct Problem<'a> {
 }
 
 impl Newton {
+    /// Predicts the displacement at a new pose: one linear solve in which what touches keeps touching.
+    pub fn predict(&mut self, problem: &Problem<'_>, contacts: &mut Contacts, u: &mut Vec<f32>) {
+        let grid = problem.machine.operator.grid();
+        for v in [&mut self.residual, &mut self.trial_residual, &mut self.step] {
+            v.resize(grid.field_len(), 0.0);
+        }
+        let mut residual = std::mem::take(&mut self.residual);
+        contacts.set_bilateral(true);
+        let state = self.measure(problem, contacts, u, &mut residual);
+        if state.valid() {
+            self.iterations += 1;
+            self.springs.update(grid, &problem.machine.green, contacts);
+            self.direction(problem, contacts, &residual, 0.1);
+            let mut trial = std::mem::take(&mut self.trial);
+            let mut part = 1.0;
+            for _ in 0..4 {
+                trial.clear();
+                trial.extend(u.iter().zip(&self.step).map(|(u, s)| u + part * s));
+                let state = problem.machine.operator.evaluate(&trial, &mut residual, &mut self.tangent);
+                if state.least_volume > 0.1 {
+                    std::mem::swap(u, &mut trial);
+                    break;
+                }
+                part *= 0.5;
+            }
+            self.trial = trial;
+        }
+        contacts.set_bilateral(false);
+        self.residual = residual;
+    }
+
     /// Solves for the displacement, beginning at `u`.
     pub fn solve(&mut self, problem: &Problem<'_>, contacts: &mut Contacts, u: &mut Vec<f32>) -> Outcome {
         let grid = problem.machine.operator.grid();
@@ -94,7 +125,7 @@ impl Newton {
             evaluation: state.evaluation,
             base_force: state.base_force,
         };
-        let mut forcing = 0.3;
+        let mut forcing = 0.2;
         while outcome.iterations < MOST_ITERATIONS {
             outcome.residual = state.relative;
             outcome.evaluation = state.evaluation;
@@ -115,7 +146,7 @@ impl Newton {
             let Some(next) = self.search(problem, contacts, u, &mut residual) else { break };
             state = next;
             // Eisenstat and Walker's second choice keeps the inner effort in step with progress.
-            forcing = (0.9 * (state.relative / before).powi(2)).clamp(0.02, 0.3);
+            forcing = (0.9 * (state.relative / before).powi(2)).clamp(0.02, 0.2);
         }
         self.residual = residual;
         outcome
@@ -170,7 +201,8 @@ impl Newton {
         self.springs.apply(grid, layer, &self.r, &mut self.z);
         self.p.copy_from_slice(&self.z);
         let mut rz = dot(&self.r, &self.z);
-        let stop = goal * goal * dot(&self.r, &self.r);
+        // In the preconditioner's norm: the stiff contact springs do not hide the soft pad.
+        let stop = goal * goal * rz;
         for pass in 0..MOST_PASSES {
             op.apply(&self.tangent, &self.p, &mut self.ap);
             contacts.apply(&self.p, &mut self.ap);
@@ -185,11 +217,11 @@ impl Newton {
             let alpha = (rz / curvature) as f32;
             add_scaled(&mut self.step, &self.p, alpha);
             add_scaled(&mut self.r, &self.ap, -alpha);
-            if dot(&self.r, &self.r) <= stop {
-                break;
-            }
             self.springs.apply(grid, layer, &self.r, &mut self.z);
             let next = dot(&self.r, &self.z);
+            if next <= stop {
+                break;
+            }
             let beta = (next / rz) as f32;
             rz = next;
             self.p.par_iter_mut().zip(&self.z).with_min_len(8192).for_each(|(p, z)| *p = z + beta * *p);
@@ -207,6 +239,7 @@ impl Newton {
         let slope0 = dot(residual, &self.step);
         let norm0 = dot(residual, residual);
         let (mut low, mut slope_low, mut high) = (0.0, slope0, None::<(f64, f64)>);
+        let mut moved_low = false;
         let mut alpha = 1.0;
         let mut trial = std::mem::take(&mut self.trial);
         let mut trial_residual = std::mem::take(&mut self.trial_residual);
@@ -222,23 +255,30 @@ impl Newton {
             }
             let slope = dot(&trial_residual, &self.step);
             let norm = dot(&trial_residual, &trial_residual);
-            let done = slope.abs() <= 0.5 * slope0.abs() || (attempt == 0 && norm < 0.25 * norm0);
+            // A full step that does not overshoot is good; a shorter one must have come near the minimum.
+            let short = if attempt == 0 { 1.0 } else { 0.7 };
+            let inside = slope <= 0.5 * slope0.abs() && slope >= short * slope0;
+            let done = inside || (attempt == 0 && norm < 0.25 * norm0);
             if done || attempt == 11 {
                 found = Some(state);
                 break;
             }
+            // Regula falsi in the Illinois form: an end that stays halves its weight.
             if slope < 0.0 {
-                (low, slope_low) = (alpha, slope);
+                if let (Some((_, s)), true) = (&mut high, moved_low) {
+                    *s *= 0.5;
+                }
+                (low, slope_low, moved_low) = (alpha, slope, true);
             } else {
+                if high.is_some() && !moved_low {
+                    slope_low *= 0.5;
+                }
                 high = Some((alpha, slope));
+                moved_low = false;
             }
             alpha = match high {
                 None => (2.0 * alpha).min(8.0),
-                Some((h, s)) => {
-                    // Regula falsi, kept away from the ends.
-                    let t = slope_low / (slope_low - s);
-                    low + (h - low) * t.clamp(0.1, 0.9)
-                }
+                Some((h, s)) => low + (h - low) * (slope_low / (slope_low - s)).clamp(0.05, 0.95),
             };
         }
         if found.is_some() {

@@ -9,8 +9,8 @@
 use super::grid::Grid;
 use super::lanes::{Kernel, Lanes, WIDTH, dispatch};
 use super::law::{
-    COROTATED_FIELDS, Mat, NEO_HOOKEAN_FIELDS, cofactor, cofactor_change, inner, plus_identity, rotation,
-    rotation_change, spin_stiffness_inverse, volume_change,
+    COROTATED_FIELDS, Mat, NEO_HOOKEAN_FIELDS, barrier, cofactor, cofactor_change, inner, plus_identity,
+    rotation, rotation_change, spin_stiffness_inverse, volume_change,
 };
 use crate::elastomer::Law;
 use rayon::prelude::*;
@@ -18,7 +18,7 @@ use rayon::prelude::*;
 /// Numbers stored per cell beside those of its points.
 const CELL_FIELDS: usize = 2;
 /// A point with less volume than this counts as inverted.
-pub const LEAST_VOLUME: f32 = 0.02;
+pub const LEAST_VOLUME: f32 = 0.01;
 
 /// What an evaluation of the internal forces says beside the forces.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -416,6 +416,9 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
                     for (n, v) in k.iter().enumerate() {
                         v.store(&mut data[(18 + n) * WIDTH..]);
                     }
+                    let [wall, push, _] = barrier(j1[p].add(one));
+                    energy = lambda.fma(wall, energy);
+                    let pressure = lambda.fma(push, pressure);
                     let two_mu = mu.add(mu);
                     for i in 0..3 {
                         for j in 0..3 {
@@ -506,6 +509,7 @@ impl<L: Lanes> CellWork<L> for ApplyCorotated<'_> {
             change = change.add(inner(&cofactor(&f), d));
         }
         let change = change.mul(slope).mul(L::splat(0.125));
+        let lambda = L::splat(self.op.lambda);
         for (p, d) in grad.iter_mut().enumerate() {
             let data = &data[(CELL_FIELDS + p * COROTATED_FIELDS) * WIDTH..];
             let f = read_matrix::<L>(data);
@@ -515,6 +519,10 @@ impl<L: Lanes> CellWork<L> for ApplyCorotated<'_> {
                 *v = L::load(&data[(18 + n) * WIDTH..]);
             }
             let (c, dc, dr) = (cofactor(&f), cofactor_change(&f, d), rotation_change(&r, &k, d));
+            let det = f[0][0].fma(c[0][0], f[0][1].fma(c[0][1], f[0][2].mul(c[0][2])));
+            let [_, push, stiffen] = barrier(det);
+            let pressure = lambda.fma(push, pressure);
+            let change = lambda.mul(stiffen).fma(inner(&c, d), change);
             for i in 0..3 {
                 for j in 0..3 {
                     let twist = two_mu.mul(d[i][j].sub(dr[i][j]));

@@ -77,7 +77,7 @@ fn check_provided(
         for (position, how) in [(target, ""), (target + fence.overshoot, ", approaching one-sided")] {
             if fence.limits.check_position(&axis, position).is_err() {
                 let excess = (fence.limits.min - position).max(position - fence.limits.max);
-                let value = format!("{}{how}: axis {axis} at {position:.4} {unit}", what());
+                let value = format!("{} puts axis {axis} at {position:.4} {unit}{how}", what());
                 note(key, excess, value, travel.clone());
             }
         }
@@ -95,11 +95,11 @@ fn check_provided(
         let [low, high] = plan.contact.zero_range_mm();
         for zero in [low, high] {
             visit(key, zero + pose.z_mm, &|| {
-                format!("{}, contact zero at {zero} mm", described(coordinate, pose, waypoint))
+                format!("{} with the contact zero at {zero} mm", described(coordinate, pose, waypoint))
             });
         }
         if waypoint.is_none() && matches!(plan.contact, Contact::TouchOff(_)) {
-            visit(key, pose.z_mm, &|| format!("{}, before touch-off", described(coordinate, pose, waypoint)));
+            visit(key, pose.z_mm, &|| format!("{} before touch-off", described(coordinate, pose, waypoint)));
         }
     }
     if let (Coordinate::Z, Contact::TouchOff(touch)) = (coordinate, &plan.contact) {
@@ -139,7 +139,7 @@ fn described(coordinate: Coordinate, pose: &Pose, waypoint: Option<&Waypoint>) -
         Some(Waypoint { capture: Some(capture), .. }) => format!("capture {capture}"),
         Some(w) => format!("episode {}, {}", w.episode, phase_name(w.phase)),
     };
-    format!("{what}: {} = {}", coordinate.name(), coordinate.of(pose))
+    format!("{} = {} ({what})", coordinate.name(), coordinate.of(pose))
 }
 
 fn phase_name(phase: Phase) -> &'static str {

@@ -194,24 +194,30 @@ impl Exchange {
         }
     }
 
-    /// The device restarted: its line counter is zero, what it was sent is gone.
-    pub(super) fn restarted(&mut self) {
+    /// The device restarted: its line counter is zero. True when something was in flight.
+    pub(super) fn restarted(&mut self) -> bool {
         self.numbers_set = false;
         self.next_line = 1;
         self.history.clear();
         self.resend = None;
         self.acks_in_doubt = false;
+        !self.flight.is_empty()
     }
 
-    /// Ends everything that waits.
+    /// Ends everything that waits, sent or not.
     pub(super) fn end_all(&mut self, failure: &Failure) -> Vec<(Ticket, Outcome)> {
-        let flying = self.flight.drain(..).map(|f| f.queued);
-        let waiting = self.queue.drain(..);
-        let ended: Vec<_> = flying.chain(waiting).map(|q| (q.ticket, Err(failure.clone()))).collect();
+        let mut ended = self.end_flight(failure);
         self.aside.clear();
+        ended.extend(self.queue.drain(..).map(|q| (q.ticket, Err(failure.clone()))));
+        ended
+    }
+
+    /// Ends what was sent; what was not is still to be sent.
+    pub(super) fn end_flight(&mut self, failure: &Failure) -> Vec<(Ticket, Outcome)> {
         self.again.clear();
         self.resend = None;
-        ended.into_iter().filter(|(ticket, _)| *ticket != NOBODY).collect()
+        let sent = self.flight.drain(..).map(|f| (f.queued.ticket, Err(failure.clone())));
+        sent.filter(|(ticket, _)| *ticket != NOBODY).collect()
     }
 
     /// Sends what flow control allows.

@@ -17,7 +17,7 @@ pub(super) enum Act {
     Sleep(u64),
     Settle(Duration),
     AskPositions,
-    ExpectNothingSent,
+    Wake,
 }
 
 /// A verb, and what to do when its time is up.
@@ -200,10 +200,9 @@ impl Engine {
                     let class = banner.map(|rx| rx.class.clone()).unwrap_or_default();
                     let timeout = self.spec.link.banner_timeout_ms.unwrap_or(3000);
                     let expect = Act::Expect { class, timeout };
-                    vec![
-                        plain(Act::ExpectNothingSent),
-                        Move { act: expect, optional: false, retry: 2, back: 1 },
-                    ]
+                    // A board that was starting anyway introduces itself twice.
+                    let expect = Move { act: expect, optional: false, retry: 2, back: 1 };
+                    vec![plain(Act::Wake), expect, plain(Act::Sleep(200))]
                 }
                 None => Vec::new(),
             },
@@ -278,7 +277,12 @@ impl Engine {
     }
 
     /// The commands of a move, all written once on trial, so that either all can be sent or none is.
-    pub(super) fn plan_move(&self, targets: &[(usize, f64)], feed: f64, jog: bool) -> Result<Vec<Address>, Failure> {
+    pub(super) fn plan_move(
+        &self,
+        targets: &[(usize, f64)],
+        feed: f64,
+        jog: bool,
+    ) -> Result<Vec<Address>, Failure> {
         let names = if jog && !self.spec.motion.jog.is_empty() {
             &self.spec.motion.jog
         } else {
@@ -449,7 +453,7 @@ impl Engine {
                 self.realtime_sent(name, now);
                 None
             }
-            Act::ExpectNothingSent => {
+            Act::Wake => {
                 self.urgent.extend(self.spec.link.wake.as_ref().map(|b| b.0.clone()).unwrap_or_default());
                 self.expect_banner(now);
                 None

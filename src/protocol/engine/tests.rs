@@ -122,11 +122,13 @@ fn pitfall_01_an_ok_between_reset_and_banner_is_stale() {
     b.engine.realtime("reset", b.now).unwrap();
     let next =
         b.engine.submit(Request::Command { name: "identify".into(), fields: Fields::new(), axis: None });
-    assert_eq!(b.out(), "\x18$I\n");
+    assert_eq!(b.out(), "\x18", "nothing follows the reset before the banner");
     b.say("ok\r\n");
     assert!(matches!(b.finished(t), Some(Err(Failure::Stopped))));
     assert!(b.finished(next).is_none(), "the stale ok must not end the next command");
     assert!(b.noted("ignored until the banner"));
+    b.say("\r\nGrbl 1.1h ['$' for help]\r\n");
+    assert_eq!(b.out(), "$I\n");
 }
 
 #[test]

@@ -129,40 +129,19 @@ impl Lanes for Avx2 {
         // SAFETY: see [`Avx2`].
         unsafe {
             let [a, b, c, d] = [a, b, c, d].map(|x| _mm256_add_ps(x.0, x.1));
-            let pair = |x, y| {
-                _mm256_add_ps(_mm256_permute2f128_ps::<0x20>(x, y), _mm256_permute2f128_ps::<0x31>(x, y))
-            };
-            Self(pair(a, b), pair(c, d))
+            Self(
+                _mm256_add_ps(_mm256_permute2f128_ps::<0x20>(a, b), _mm256_permute2f128_ps::<0x31>(a, b)),
+                _mm256_add_ps(_mm256_permute2f128_ps::<0x20>(c, d), _mm256_permute2f128_ps::<0x31>(c, d)),
+            )
         }
     }
     #[inline(always)]
     fn transpose(rows: &mut [Self; WIDTH]) {
         // Four 8x8 transposes; the off-diagonal ones change places.
-        let quarter = |x: [__m256; 8]| {
-            // SAFETY: see [`Avx2`].
-            unsafe {
-                let mut t = [_mm256_setzero_ps(); 8];
-                for h in 0..2 {
-                    let [a, b, c, d] = [x[4 * h], x[4 * h + 1], x[4 * h + 2], x[4 * h + 3]];
-                    let (ab0, ab1) = (_mm256_unpacklo_ps(a, b), _mm256_unpackhi_ps(a, b));
-                    let (cd0, cd1) = (_mm256_unpacklo_ps(c, d), _mm256_unpackhi_ps(c, d));
-                    t[4 * h] = _mm256_shuffle_ps::<0b01_00_01_00>(ab0, cd0);
-                    t[4 * h + 1] = _mm256_shuffle_ps::<0b11_10_11_10>(ab0, cd0);
-                    t[4 * h + 2] = _mm256_shuffle_ps::<0b01_00_01_00>(ab1, cd1);
-                    t[4 * h + 3] = _mm256_shuffle_ps::<0b11_10_11_10>(ab1, cd1);
-                }
-                let mut out = [_mm256_setzero_ps(); 8];
-                for k in 0..4 {
-                    out[k] = _mm256_permute2f128_ps::<0x20>(t[k], t[4 + k]);
-                    out[4 + k] = _mm256_permute2f128_ps::<0x31>(t[k], t[4 + k]);
-                }
-                out
-            }
-        };
-        let upper_left = quarter(std::array::from_fn(|i| rows[i].0));
-        let upper_right = quarter(std::array::from_fn(|i| rows[i].1));
-        let lower_left = quarter(std::array::from_fn(|i| rows[8 + i].0));
-        let lower_right = quarter(std::array::from_fn(|i| rows[8 + i].1));
+        let upper_left = transpose8(std::array::from_fn(|i| rows[i].0));
+        let upper_right = transpose8(std::array::from_fn(|i| rows[i].1));
+        let lower_left = transpose8(std::array::from_fn(|i| rows[8 + i].0));
+        let lower_right = transpose8(std::array::from_fn(|i| rows[8 + i].1));
         for i in 0..8 {
             rows[i] = Self(upper_left[i], lower_left[i]);
             rows[8 + i] = Self(upper_right[i], lower_right[i]);
@@ -192,5 +171,29 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn floor(self) -> Self {
         both!(_mm256_floor_ps, self)
+    }
+}
+
+/// Transposes eight rows of eight.
+#[inline(always)]
+fn transpose8(x: [__m256; 8]) -> [__m256; 8] {
+    // SAFETY: see [`Avx2`].
+    unsafe {
+        let mut t = [_mm256_setzero_ps(); 8];
+        for h in 0..2 {
+            let [a, b, c, d] = [x[4 * h], x[4 * h + 1], x[4 * h + 2], x[4 * h + 3]];
+            let (ab0, ab1) = (_mm256_unpacklo_ps(a, b), _mm256_unpackhi_ps(a, b));
+            let (cd0, cd1) = (_mm256_unpacklo_ps(c, d), _mm256_unpackhi_ps(c, d));
+            t[4 * h] = _mm256_shuffle_ps::<0b01_00_01_00>(ab0, cd0);
+            t[4 * h + 1] = _mm256_shuffle_ps::<0b11_10_11_10>(ab0, cd0);
+            t[4 * h + 2] = _mm256_shuffle_ps::<0b01_00_01_00>(ab1, cd1);
+            t[4 * h + 3] = _mm256_shuffle_ps::<0b11_10_11_10>(ab1, cd1);
+        }
+        let mut out = [_mm256_setzero_ps(); 8];
+        for k in 0..4 {
+            out[k] = _mm256_permute2f128_ps::<0x20>(t[k], t[4 + k]);
+            out[4 + k] = _mm256_permute2f128_ps::<0x31>(t[k], t[4 + k]);
+        }
+        out
     }
 }

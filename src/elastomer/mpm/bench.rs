@@ -1,0 +1,177 @@
+//! Throughput of the explicit step, in particle-steps per second.
+//!
+//! The case is the peers': the predecessor's pad under a sphere of radius 4 mm that presses at 200 mm/s. It is first
+//! pressed a little, so that contact, boundaries and re-binning are part of what is measured. Particles
+//! of the indenter are not counted, though their work is.
+
+use super::ExplicitSolver;
+use super::lanes::Isa;
+use crate::elastomer::{Elastomer, Error, Law, Material, Mode, Pad, PadShape, Settings};
+use crate::indenter::Indenter;
+use crate::pose::Pose;
+use glam::DVec3;
+use serde::Serialize;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Depth at which the measurement begins, mm.
+const START_DEPTH_MM: f64 = 0.3;
+
+/// What was measured.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Throughput {
+    /// Particles of the pad.
+    pub particles: u64,
+    /// Points of the indenter.
+    pub indenter_points: u64,
+    /// Threads of the pool.
+    pub threads: usize,
+    /// Instruction set.
+    pub isa: &'static str,
+    /// Constitutive law.
+    pub law: Law,
+    /// Steps measured (one pass each).
+    pub steps: u64,
+    /// Time for them, s.
+    pub seconds: f64,
+    /// Particles times passes per second.
+    pub particle_steps_per_s: f64,
+    /// The same from the fastest step: what an undisturbed machine would give.
+    pub best_particle_steps_per_s: f64,
+    /// Memory per particle, bytes.
+    pub bytes_per_particle: f64,
+    /// Memory per node of active blocks, bytes.
+    pub bytes_per_node: f64,
+    /// All memory of particles and grid, bytes.
+    pub bytes: u64,
+}
+
+/// A ball; only here, so that the measurement needs no indenter file.
+#[derive(Debug)]
+struct Ball {
+    radius_mm: f64,
+}
+
+impl Indenter for Ball {
+    fn name(&self) -> &str {
+        "ball"
+    }
+
+    fn distance(&self, p: DVec3) -> f64 {
+        (p - DVec3::Z * self.radius_mm).length() - self.radius_mm
+    }
+
+    fn distance_and_normal(&self, p: DVec3) -> (f64, DVec3) {
+        let out = p - DVec3::Z * self.radius_mm;
+        (out.length() - self.radius_mm, out.normalize_or(DVec3::NEG_Z))
+    }
+
+    fn half_extent_mm(&self) -> [f64; 2] {
+        [self.radius_mm; 2]
+    }
+
+    fn lower_surface(&self, x_mm: f64, y_mm: f64) -> Option<f64> {
+        let left = self.radius_mm.powi(2) - x_mm * x_mm - y_mm * y_mm;
+        (left >= 0.0).then(|| self.radius_mm - left.sqrt())
+    }
+}
+
+/// Measures `steps` steps of `mpm` with a pad of `particles` on `threads` threads.
+///
+/// # Errors
+/// [`Error::Setting`] for a lattice that cannot work, or no threads or steps.
+pub fn throughput(particles: [usize; 3], threads: usize, steps: u64) -> Result<Throughput, Error> {
+    throughput_with(particles, threads, steps, Isa::best(), Law::FixedCorotated)
+}
+
+/// As [`throughput`], with a given instruction set and law.
+///
+/// # Errors
+/// As [`throughput`].
+pub fn throughput_with(
+    particles: [usize; 3],
+    threads: usize,
+    steps: u64,
+    isa: Isa,
+    law: Law,
+) -> Result<Throughput, Error> {
+    if threads == 0 || steps == 0 {
+        return Err(Error::Setting {
+            key: "threads",
+            value: threads.to_string(),
+            why: format!("a measurement needs at least one thread and one step, not {threads} and {steps}"),
+        });
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|e| Error::Setting {
+        key: "threads",
+        value: threads.to_string(),
+        why: format!("the thread pool could not be made ({e}); ask for fewer threads"),
+    })?;
+    pool.install(|| measure(particles, threads, steps, isa, law))
+}
+
+fn measure(
+    particles: [usize; 3],
+    threads: usize,
+    steps: u64,
+    isa: Isa,
+    law: Law,
+) -> Result<Throughput, Error> {
+    let material = Material { law, youngs_modulus_mpa: 0.145, poisson_ratio: 0.45, density_g_mm3: 1.0 };
+    let pad = Pad { shape: PadShape::Cuboid, size_x_mm: 20.0, size_y_mm: 20.0, thickness_mm: 4.0, material };
+    let settings = Settings { mode: Mode::Mpm, particles, ..Settings::default() };
+    let start = Pose::new(0.0, 0.0, 0.0, 0.0);
+    let mut solver =
+        ExplicitSolver::with_isa(&pad, &settings, Arc::new(Ball { radius_mm: 4.0 }), &start, isa)?;
+    solver.advance(&Pose::new(0.0, 0.0, -START_DEPTH_MM, 0.0))?;
+    // Press on, and back when it gets deep, always at the speed of the settings.
+    let stride = settings.speed_mm_s * solver.body().scheme.dt_s;
+    let (mut z, mut direction) = (-START_DEPTH_MM, -1.0);
+    let mut best = f64::INFINITY;
+    let begun = Instant::now();
+    for _ in 0..steps {
+        if z < -1.0 {
+            direction = 1.0;
+        } else if z > -START_DEPTH_MM {
+            direction = -1.0;
+        }
+        z += direction * stride;
+        let one = Instant::now();
+        solver.step_to(&Pose::new(0.0, 0.0, z, 0.0))?;
+        best = best.min(one.elapsed().as_secs_f64());
+    }
+    let seconds = begun.elapsed().as_secs_f64();
+    let count = solver.body().len() as f64;
+    let (of_particles, of_grid) = solver.body().memory_bytes();
+    let nodes = solver.body().grid.places.len() * super::grid::BLOCK.pow(3);
+    Ok(Throughput {
+        particles: count as u64,
+        indenter_points: solver.cloud.len as u64,
+        threads,
+        isa: isa.name(),
+        law,
+        steps,
+        seconds,
+        particle_steps_per_s: count * steps as f64 / seconds,
+        best_particle_steps_per_s: count / best,
+        bytes_per_particle: of_particles as f64 / count,
+        bytes_per_node: of_grid as f64 / nodes as f64,
+        bytes: (of_particles + of_grid) as u64,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_measurement_measures() {
+        let t = throughput([41, 41, 9], 2, 3).expect("a small pad");
+        assert_eq!((t.particles, t.threads, t.steps), (41 * 41 * 9, 2, 3));
+        assert!(t.particle_steps_per_s > 0.0 && t.best_particle_steps_per_s >= t.particle_steps_per_s);
+        // What the module docs state, with room for blocks that are not full on so small a pad.
+        assert!(t.bytes_per_particle >= 108.0 && t.bytes_per_particle < 250.0);
+        assert!(t.bytes_per_node > 60.0 && t.bytes_per_node < 80.0);
+        assert!(throughput([41, 41, 9], 0, 3).is_err());
+    }
+}
