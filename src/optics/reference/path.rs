@@ -38,6 +38,16 @@ enum Arrival {
     Scattered { from: Vec3, pdf: f32, lobe_throughput: Vec3 },
 }
 
+/// A point of a path where light is gathered.
+struct Vertex<'a> {
+    surfel: &'a Surfel,
+    frame: &'a Frame,
+    wo: Vec3,
+    throughput: Vec3,
+    /// Number of the event, from 1.
+    event: u32,
+}
+
 /// Scratch space for following paths of one scene.
 pub struct Path<'a> {
     scene: &'a Prepared,
@@ -86,7 +96,8 @@ impl<'a> Path<'a> {
                 return;
             }
             if !surfel.bsdf.is_specular() {
-                self.direct(&surfel, &frame, wo, throughput, event, [pick, light_u, light_v], add);
+                let vertex = Vertex { surfel: &surfel, frame: &frame, wo, throughput, event };
+                self.direct(&vertex, [pick, light_u, light_v], add);
             }
 
             // Scatter.
@@ -128,17 +139,9 @@ impl<'a> Path<'a> {
 }
 
 impl Path<'_> {
-    /// Light that reaches the surfel straight from the lights.
-    fn direct(
-        &mut self,
-        surfel: &Surfel,
-        frame: &Frame,
-        wo: Vec3,
-        throughput: Vec3,
-        event: u32,
-        [pick, u, v]: [f32; 3],
-        add: &mut impl FnMut(usize, Vec3),
-    ) {
+    /// Light that reaches the vertex straight from the lights.
+    fn direct(&mut self, vertex: &Vertex, [pick, u, v]: [f32; 3], add: &mut impl FnMut(usize, Vec3)) {
+        let Vertex { surfel, frame, wo, throughput, event } = *vertex;
         let scene = self.scene;
         let (point, normal, bsdf) = (surfel.hit.point, surfel.normal, &surfel.bsdf);
         let diffuse = throughput * bsdf.diffuse * FRAC_1_PI;
