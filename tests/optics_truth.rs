@@ -338,3 +338,25 @@ fn nothing_to_see_is_black_and_what_cannot_be_rendered_is_told() {
     broken.surfaces[1].material = lambert(1.2);
     assert!(Renderer::new(&broken).err().unwrap().to_string().starts_with("room of the scene: its albedo"));
 }
+
+#[test]
+fn a_plate_connection_finds_what_chance_finds() {
+    // The same glass twice: as one closed box (connections through it) and with a second clear speck far away, which
+    // turns the connections off. Below, inside and above the plate there are diffuse surfaces.
+    let mut scene = mixed_scene();
+    scene.lights.truncate(1);
+    scene.lights[0].shape = LightShape::Rectangle {
+        center: Vec3::new(-3.99, 0.0, 4.5),
+        half_u: Vec3::Y * 3.0,
+        half_v: Vec3::Z * 0.8,
+    };
+    scene.surfaces[0].material = lambert(0.5);
+    scene.camera = scene.camera.with_raster(12, 12);
+    let settings = |samples| Settings { samples, seed: 3 };
+    let connected = Renderer::new(&scene).unwrap().render(&settings(512));
+    let speck = Mesh::cuboid(Vec3::splat(30.0), Vec3::splat(30.1));
+    scene.surfaces.push(surface("speck", speck, Material::Dielectric { ior: 1.49 }));
+    let by_chance = Renderer::new(&scene).unwrap().render(&settings(4096));
+    let ratio = connected.mean() / by_chance.mean();
+    assert!((ratio - Vec3::ONE).abs().max_element() < 0.01, "{ratio}");
+}

@@ -42,7 +42,7 @@ pub fn polygon(point: Vec3, normal: Vec3, corners: &[Vec3; 4]) -> f32 {
 #[inline]
 fn edge(a: Vec3, b: Vec3, normal: Vec3) -> f32 {
     const A: [f32; 8] = [
-        1.570_796_3,
+        std::f32::consts::FRAC_PI_2,
         -0.214_598_8,
         0.088_978_99,
         -0.050_174_305,

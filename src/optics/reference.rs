@@ -8,6 +8,7 @@
 //! same seed use the same random numbers, so that their ratio is less noisy than either.
 
 mod path;
+mod plate;
 mod prepared;
 
 use super::{Error, Film, Scene, bsdf::Lobe, bsdf::refract, sampler::Sampler, to_pad};

@@ -5,13 +5,17 @@
 //! visibility, and what is hidden is taken off again: a control variate, exact in the mean and free of noise where
 //! nothing is hidden; the same point lights the other lobe, and lights without a closed form, weighted against
 //! (3) the scattered ray, which goes on and may hit a light itself (Veach 1997, power heuristic). Where a clear body
-//! stands between, the closed form is left out and lights are found by refracted rays.
+//! stands between, the closed form is left out; through a flat plate the diffuse part is connected to the point
+//! along the refracted path ([`super::plate`]), all else is found by scattered rays that hit the light.
 //!
 //! Dimension groups of the sampler: 0 pixel and first direction, 1 lens and first lobe, then for event
 //! n = 1, 2, ... 2n: light and roulette, 2n + 1: direction and lobe of event n + 1.
 
+use super::plate::Link;
 use super::prepared::{Prepared, Surfel};
-use crate::optics::{bsdf::Lobe, bsdf::concentric_disc, sampler::Sampler};
+use crate::optics::bsdf::{Lobe, concentric_disc};
+use crate::optics::emitter::{Emitter, LightPoint};
+use crate::optics::sampler::Sampler;
 use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
@@ -28,8 +32,20 @@ const UNIFORM_CHOICE: f32 = 0.1;
 enum Arrival {
     /// From the camera or a mirror direction: everything.
     Certain,
+    /// Scattered, then straight through a plate: what a refracted connection does not claim.
+    Through { lobe_throughput: Vec3 },
     /// Scattered with this density: what light sampling at `from` does not claim.
     Scattered { from: Vec3, pdf: f32, lobe_throughput: Vec3 },
+}
+
+/// A point of a path where light is gathered.
+struct Vertex<'a> {
+    surfel: &'a Surfel,
+    frame: &'a Frame,
+    wo: Vec3,
+    throughput: Vec3,
+    /// Number of the event, from 1.
+    event: u32,
 }
 
 /// Scratch space for following paths of one scene.
@@ -80,7 +96,8 @@ impl<'a> Path<'a> {
                 return;
             }
             if !surfel.bsdf.is_specular() {
-                self.direct(&surfel, &frame, wo, throughput, [pick, light_u, light_v], add);
+                let vertex = Vertex { surfel: &surfel, frame: &frame, wo, throughput, event };
+                self.direct(&vertex, [pick, light_u, light_v], add);
             }
 
             // Scatter.
@@ -106,7 +123,15 @@ impl<'a> Path<'a> {
                 let lobe_throughput = lobe_throughput / survive;
                 Arrival::Scattered { from: surfel.hit.point, pdf: next.pdf, lobe_throughput }
             } else {
-                Arrival::Certain
+                let straight = scene.plate.is_some() && next.wi.z < 0.0 && surfel.normal.z.abs() > 0.999;
+                match arrival {
+                    Arrival::Scattered { lobe_throughput, .. } | Arrival::Through { lobe_throughput }
+                        if straight =>
+                    {
+                        Arrival::Through { lobe_throughput: lobe_throughput * next.weight }
+                    }
+                    _ => Arrival::Certain,
+                }
             };
             [du, dv, lobe, _] = sampler.group(index, 2 * event + 1);
         }
@@ -114,16 +139,9 @@ impl<'a> Path<'a> {
 }
 
 impl Path<'_> {
-    /// Light that reaches the surfel straight from the lights.
-    fn direct(
-        &mut self,
-        surfel: &Surfel,
-        frame: &Frame,
-        wo: Vec3,
-        throughput: Vec3,
-        [pick, u, v]: [f32; 3],
-        add: &mut impl FnMut(usize, Vec3),
-    ) {
+    /// Light that reaches the vertex straight from the lights.
+    fn direct(&mut self, vertex: &Vertex, [pick, u, v]: [f32; 3], add: &mut impl FnMut(usize, Vec3)) {
+        let Vertex { surfel, frame, wo, throughput, event } = *vertex;
         let scene = self.scene;
         let (point, normal, bsdf) = (surfel.hit.point, surfel.normal, &surfel.bsdf);
         let diffuse = throughput * bsdf.diffuse * FRAC_1_PI;
@@ -144,7 +162,7 @@ impl Path<'_> {
         }
 
         // Choose a light.
-        let uniform = if has_lobe || total <= 0.0 { UNIFORM_CHOICE } else { 0.0 };
+        let uniform = if has_lobe || total <= 0.0 || scene.plate.is_some() { UNIFORM_CHOICE } else { 0.0 };
         let scale = if total > 0.0 { (1.0 - uniform) / total } else { 0.0 };
         let floor = uniform / scene.lit as f32;
         let mut chosen = None;
@@ -161,6 +179,13 @@ impl Path<'_> {
 
         // Test one of its points.
         let at = emitter.sample(Vec2::new(u, v));
+        if let Some(plate) = scene.plate.filter(|plate| plate.between(point, at.point)) {
+            if let Some(link) = plate.link(point, at.point).filter(|l| event + l.faces <= scene.max_events) {
+                let light = emitter.radiance / (self.choice[k] * at.pdf_area);
+                add(k, diffuse * light * self.transmitted(&link, surfel, &at, emitter, k));
+            }
+            return;
+        }
         let to = at.point - point;
         let distance2 = to.length_squared();
         let direction = to / distance2.sqrt();
@@ -190,6 +215,37 @@ impl Path<'_> {
         }
     }
 
+    /// Irradiance of the surfel by a unit of area and radiance of a light behind the plate.
+    fn transmitted(
+        &self,
+        link: &Link,
+        surfel: &Surfel,
+        at: &LightPoint,
+        emitter: &Emitter,
+        light: usize,
+    ) -> f32 {
+        let scene = self.scene;
+        let cos = link.leaving.dot(surfel.normal);
+        let cos_light = -link.arriving.dot(at.normal);
+        let profile = emitter.profile(cos_light);
+        if cos <= 0.0 || profile <= 0.0 {
+            return 0.0;
+        }
+        // Each stretch of the path, off the surfaces at its ends.
+        let vertical = Vec3::Z * (scene.offset * link.leaving.z.signum());
+        let mut from = surfel.hit.point + surfel.normal * scene.offset;
+        for crossing in &link.crossings[..link.faces as usize] {
+            if scene.blocked(from, *crossing - vertical, light) {
+                return 0.0;
+            }
+            from = *crossing + vertical;
+        }
+        if scene.blocked(from, at.point + at.normal * (scene.offset * cos_light.signum()), light) {
+            return 0.0;
+        }
+        cos * profile * link.transmittance * link.solid_angle * cos_light.abs()
+    }
+
     /// Light that a path finds by hitting the light itself.
     fn emission(
         &self,
@@ -208,6 +264,7 @@ impl Path<'_> {
         }
         match arrival {
             Arrival::Certain => add(k, throughput * light),
+            Arrival::Through { lobe_throughput } => add(k, lobe_throughput * light),
             Arrival::Scattered { from, pdf, lobe_throughput } => {
                 let throughput = if self.closed[k] { lobe_throughput } else { throughput };
                 if throughput != Vec3::ZERO {

@@ -1,5 +1,6 @@
 //! A scene with everything that is worked out once: the tree, the lights, what each triangle is made of.
 
+use super::plate::Plate;
 use crate::optics::{
     Albedo, Camera, Error, LightShape, Material, Mesh, Role, Scene, accel::Accel, accel::Hit, bsdf::Bsdf,
     emitter::Emitter,
@@ -18,6 +19,8 @@ pub struct Prepared {
     pub offset: f32,
     /// Boxes around clear bodies: no closed-form light through them.
     clear: Vec<[Vec3; 2]>,
+    /// The only clear body, if it is a plate through which lights can be connected exactly.
+    pub plate: Option<Plate>,
     /// Rooms: parts that are faces of an axis-aligned box; they block nothing between points inside.
     rooms: Vec<[Vec3; 2]>,
     /// Boxes around all other parts, with the light whose flat patch it is.
@@ -58,6 +61,7 @@ impl Prepared {
         let mut part_of = Vec::new();
         let mut parts = Vec::new();
         let (mut clear, mut rooms, mut blockers) = (Vec::new(), Vec::new(), Vec::new());
+        let mut plates = Vec::new();
         let extent = extent_of(scene);
         let margin = extent * 1e-5;
         for surface in &scene.surfaces {
@@ -79,6 +83,9 @@ impl Prepared {
                 matches!(surface.material, Material::Dielectric { .. } | Material::RoughDielectric { .. });
             if is_clear {
                 clear.push(bounds);
+            }
+            if let (Material::Dielectric { ior }, true) = (&surface.material, is_room(mesh, bounds)) {
+                plates.push(Plate::new(bounds, *ior));
             }
             if !is_clear && is_room(mesh, bounds) {
                 rooms.push(bounds);
@@ -123,6 +130,7 @@ impl Prepared {
             emitters,
             accel: Accel::new(&triangles),
             offset: extent * 2e-6,
+            plate: if clear.len() == 1 { plates.pop() } else { None },
             clear,
             rooms: rooms.into_iter().map(|room| grow(room, margin)).collect(),
             blockers,
@@ -180,8 +188,8 @@ fn overlaps([lo, hi]: &[Vec3; 2], from: Vec3, to: Vec3) -> bool {
     let (a, b) = ((*lo - from) * inverse, (*hi - from) * inverse);
     let enter = a.min(b).max_element().max(0.0);
     let leave = a.max(b).min_element().min(1.0);
-    // Written so that 0 times infinity counts as an overlap.
-    !(enter > leave)
+    // What cannot be compared (0 times infinity) counts as an overlap.
+    enter.partial_cmp(&leave) != Some(std::cmp::Ordering::Greater)
 }
 
 fn bounds_of(points: &[Vec3]) -> [Vec3; 2] {
