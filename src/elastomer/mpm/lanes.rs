@@ -73,6 +73,8 @@ pub trait Lanes: Number {
     fn repeat_group<const G: usize>(row: &Row) -> Self;
     /// `[sum of a's groups | sum of b's | of c's | of d's]`: each argument's four groups of four are added.
     fn sum_groups(a: Self, b: Self, c: Self, d: Self) -> Self;
+    /// The fourth float of each group, in all four places of the group.
+    fn fourth_of_group(self) -> Self;
     /// Transposes sixteen rows of sixteen.
     fn transpose(rows: &mut [Self; WIDTH]);
     /// Bit i is set where lane i of `self` is less than that of `b` (never for NaN).
@@ -234,6 +236,7 @@ mod tests {
                 a.floor(),
                 a.keep(0b1010_0110_0001_1101),
                 L::repeat_group::<2>(self.a),
+                a.fourth_of_group(),
                 L::fill(2.5),
                 sums,
             ];
@@ -260,10 +263,10 @@ mod tests {
         let work = || Everything { a: &a, b: &b, many: &many };
         let (truth, masks) = Isa::Portable.run(work());
         for i in 0..WIDTH {
-            assert_eq!(truth[13 + i].0, std::array::from_fn::<f32, WIDTH, _>(|k| many[k].0[i]));
+            assert_eq!(truth[14 + i].0, std::array::from_fn::<f32, WIDTH, _>(|k| many[k].0[i]));
         }
         let expected: f32 = (0..4).map(|g| many[1].0[g * 4 + 2]).sum();
-        assert!((truth[12].0[6] - expected).abs() < 1e-5);
+        assert!((truth[13].0[6] - expected).abs() < 1e-5);
         for isa in Isa::available() {
             let (rows, m) = isa.run(work());
             assert_eq!(m, masks, "{isa:?}");

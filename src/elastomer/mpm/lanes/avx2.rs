@@ -136,6 +136,13 @@ impl Lanes for Avx2 {
         }
     }
     #[inline(always)]
+    fn fourth_of_group(self) -> Self {
+        // SAFETY: see [`Avx2`].
+        unsafe {
+            Self(_mm256_permute_ps::<0b11_11_11_11>(self.0), _mm256_permute_ps::<0b11_11_11_11>(self.1))
+        }
+    }
+    #[inline(always)]
     fn transpose(rows: &mut [Self; WIDTH]) {
         // Four 8x8 transposes; the off-diagonal ones change places.
         let upper_left = transpose8(std::array::from_fn(|i| rows[i].0));

@@ -126,6 +126,10 @@ impl Lanes for Avx512 {
         })
     }
     #[inline(always)]
+    fn fourth_of_group(self) -> Self {
+        op!(_mm512_permute_ps::<0b11_11_11_11>(self.0))
+    }
+    #[inline(always)]
     fn transpose(rows: &mut [Self; WIDTH]) {
         // 4x4 tiles inside each group of four rows, then a 4x4 transpose of the tiles themselves.
         // SAFETY: see [`Avx512`].

@@ -128,6 +128,11 @@ impl Lanes for Neon {
         Self([sum(a), sum(b), sum(c), sum(d)])
     }
     #[inline(always)]
+    fn fourth_of_group(self) -> Self {
+        let a = self;
+        each!(|a| vdupq_laneq_f32::<3>(a))
+    }
+    #[inline(always)]
     fn transpose(rows: &mut [Self; WIDTH]) {
         // Sixteen 4x4 transposes: tile (r, q) becomes tile (q, r).
         let from = *rows;

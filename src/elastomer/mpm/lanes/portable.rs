@@ -114,6 +114,10 @@ impl Lanes for Portable {
         }))
     }
     #[inline(always)]
+    fn fourth_of_group(self) -> Self {
+        Self(std::array::from_fn(|i| self.0[i / 4 * 4 + 3]))
+    }
+    #[inline(always)]
     fn transpose(rows: &mut [Self; WIDTH]) {
         for i in 0..WIDTH {
             for k in 0..i {
