@@ -35,6 +35,8 @@ pub struct Cloud {
     /// Side of a bucket, mm.
     side_mm: f64,
     buckets: BTreeMap<[i32; 3], Vec<Points>>,
+    /// Box around all points, indenter frame, mm.
+    bounds: [DVec3; 2],
     /// How many points.
     pub len: usize,
     /// The lowest point, the calibration particle x_o of Algorithm 1, indenter frame, mm.
@@ -96,7 +98,8 @@ impl Cloud {
         let buckets =
             sorted.into_iter().map(|(key, list)| (key, list.chunks(WIDTH).map(pack).collect())).collect();
         let radius_mm = points.iter().map(|p| p.truncate().length()).fold(0.0, f64::max);
-        Some(Self { side_mm, buckets, len: points.len(), lowest, radius_mm })
+        let bounds = points.iter().fold([lowest, lowest], |[lo, hi], p| [lo.min(*p), hi.max(*p)]);
+        Some(Self { side_mm, buckets, bounds, len: points.len(), lowest, radius_mm })
     }
 
     /// The batches whose buckets can reach into the box of half sides `half_mm` around a point of the pad frame.
@@ -105,8 +108,12 @@ impl Cloud {
         let (s, c) = pose.theta_deg.to_radians().sin_cos();
         let (s, c) = (s.abs(), c.abs());
         let half = DVec3::new(c * half_mm.x + s * half_mm.y, s * half_mm.x + c * half_mm.y, half_mm.z);
-        let lo = ((middle - half) / self.side_mm).floor().as_ivec3();
-        let hi = ((middle + half) / self.side_mm).floor().as_ivec3();
+        // Only the part of the box where points are; far from the cloud that is empty.
+        let lo = ((middle - half).max(self.bounds[0]) / self.side_mm).floor().as_ivec3();
+        let hi = (middle + half).min(self.bounds[1]);
+        let far = hi.cmplt((middle - half).max(self.bounds[0])).any();
+        let hi = (hi / self.side_mm).floor().as_ivec3()
+            - if far { glam::IVec3::MAX / 2 } else { glam::IVec3::ZERO };
         (lo.z..=hi.z).flat_map(move |z| {
             (lo.y..=hi.y)
                 .flat_map(move |y| (lo.x..=hi.x).filter_map(move |x| self.buckets.get(&[x, y, z])).flatten())

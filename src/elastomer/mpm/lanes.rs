@@ -14,8 +14,10 @@ mod avx2;
 mod avx512;
 #[cfg(target_arch = "aarch64")]
 mod neon;
+mod pair;
 mod portable;
 
+pub use pair::Pair;
 use std::ops::{Add, Mul, Neg, Sub};
 
 /// How many lanes: a batch of particles, or four nodes of four components.
@@ -35,6 +37,8 @@ impl Row {
 pub trait Number:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {
+    /// Square of the last step at which an iteration of quadratic convergence is exact to rounding.
+    const SQUARED_STEP: f64;
     /// The same constant in every lane.
     fn splat(x: f64) -> Self;
     /// `self * b + c`, fused where the machine can.
@@ -83,6 +87,18 @@ pub trait Lanes: Number {
     fn keep(self, keep: u16) -> Self;
     /// Largest whole number not above each lane.
     fn floor(self) -> Self;
+    /// Asks for a cache line that will be read soon; any address is allowed.
+    #[inline(always)]
+    fn fetch_soon<T>(at: *const T) {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: a prefetch never faults, and SSE belongs to the baseline of x86_64.
+        unsafe {
+            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+            _mm_prefetch::<_MM_HINT_T0>(at.cast());
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = at;
+    }
 }
 
 /// Work that can be instantiated for any instruction set.
@@ -175,6 +191,7 @@ fn with_avx2<K: Kernel>(kernel: K) -> K::Output {
 }
 
 impl Number for f64 {
+    const SQUARED_STEP: f64 = 1e-16;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         x

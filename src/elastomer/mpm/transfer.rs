@@ -16,8 +16,8 @@
 //! 16 x 16 transpose leads from one layout to the other.
 
 use super::grid::{BLOCK, Nodes, Place, RIM, TILE, TILE_LAYER, Tile, tile_node, tile_position};
-use super::lanes::{Kernel, Lanes, Row, WIDTH};
-use super::particles::{Bin, Moving};
+use super::lanes::{Kernel, Lanes, Pair, Row, WIDTH};
+use super::particles::{Batch, Bin, Moving};
 use super::spline::{AlongX, weights};
 use super::stress::{Moduli, kirchhoff};
 use crate::elastomer::Law;
@@ -148,50 +148,62 @@ fn scatter_one<L: Lanes>(x: &AlongX<L>, offset: f32, wy: [f32; 3], wz: [f32; 3],
 }
 
 /// Motion of sixteen particles, component by component.
-struct Motion<L> {
-    velocity: [L; 3],
-    affine: [L; 9],
+struct Motion {
+    velocity: [Row; 3],
+    affine: [Row; 9],
 }
 
-/// Stress of sixteen particles and their way to the grid; only lanes of `lanes` are put there.
+impl Motion {
+    const NONE: Motion = Motion { velocity: [Row::ZERO; 3], affine: [Row::ZERO; 9] };
+}
+
+/// Subtracts the stress of twice sixteen particles from their C, which leaves the affine momentum.
 /// Returns the lanes whose volume is not positive.
+#[inline(always)]
+fn add_stress<L: Lanes>(elastic: Elastic, strain: [&[Row; 9]; 2], affine: [&mut [Row; 9]; 2]) -> [u16; 2] {
+    let mut h = [Pair(L::fill(0.0), L::fill(0.0)); 9];
+    for k in 0..9 {
+        h[k] = Pair(L::load(&strain[0][k]), L::load(&strain[1][k]));
+    }
+    let moduli = Moduli {
+        mu: Pair(L::fill(elastic.moduli.mu), L::fill(elastic.moduli.mu)),
+        lambda: Pair(L::fill(elastic.moduli.lambda), L::fill(elastic.moduli.lambda)),
+    };
+    let (tau, det) = kirchhoff(elastic.law, &h, moduli);
+    let [first, second] = affine;
+    for (k, s) in [0, 3, 5, 3, 1, 4, 5, 4, 2].into_iter().enumerate() {
+        (L::load(&first[k]) - tau[s].0).store(&mut first[k]);
+        (L::load(&second[k]) - tau[s].1).store(&mut second[k]);
+    }
+    let zero = L::fill(0.0);
+    [!zero.less(det.0), !zero.less(det.1)]
+}
+
+/// Sixteen particles' way to the grid; only lanes of `lanes` are put there.
 #[inline(always)]
 fn scatter_batch<L: Lanes>(
     x: &AlongX<L>,
-    elastic: Elastic,
-    motion: &Motion<L>,
-    strain: &[L; 9],
+    motion: &Motion,
     offset: &[Row; 3],
     node: &[u16; WIDTH],
     lanes: u16,
     tile: &mut Tile,
-) -> u16 {
-    let moduli = Moduli { mu: L::fill(elastic.moduli.mu), lambda: L::fill(elastic.moduli.lambda) };
-    let (tau, det) = kirchhoff(elastic.law, strain, moduli);
-    let crushed = !L::fill(0.0).less(det);
-    let c = &motion.affine;
-    let a = [
-        c[0] - tau[0],
-        c[1] - tau[3],
-        c[2] - tau[5],
-        c[3] - tau[3],
-        c[4] - tau[1],
-        c[5] - tau[4],
-        c[6] - tau[5],
-        c[7] - tau[4],
-        c[8] - tau[2],
-    ];
+) {
     // Momentum as the middle node sees it: v - A g.
     let one = L::fill(1.0);
     let g = [L::load(&offset[0]) - one, L::load(&offset[1]) - one, L::load(&offset[2]) - one];
-    let zero = L::fill(0.0);
-    let mut rows = [zero; WIDTH];
+    let mut rows = [L::fill(0.0); WIDTH];
     for d in 0..3 {
-        let shift = a[3 * d].mul_add(g[0], a[3 * d + 1].mul_add(g[1], a[3 * d + 2] * g[2]));
-        rows[d] = motion.velocity[d] - shift;
-        rows[4 + d] = a[3 * d];
-        rows[8 + d] = a[3 * d + 1];
-        rows[12 + d] = a[3 * d + 2];
+        let a = [
+            L::load(&motion.affine[3 * d]),
+            L::load(&motion.affine[3 * d + 1]),
+            L::load(&motion.affine[3 * d + 2]),
+        ];
+        let shift = a[0].mul_add(g[0], a[1].mul_add(g[1], a[2] * g[2]));
+        rows[d] = L::load(&motion.velocity[d]) - shift;
+        rows[4 + d] = a[0];
+        rows[8 + d] = a[1];
+        rows[12 + d] = a[2];
     }
     rows[3] = one;
     L::transpose(&mut rows);
@@ -211,7 +223,154 @@ fn scatter_batch<L: Lanes>(
         let z = [wz[0].0[i], wz[1].0[i], wz[2].0[i]];
         scatter_one(x, offset[0].0[i], y, z, &momentum[i], last);
     }
-    crushed & lanes
+}
+
+/// What becomes of one batch on the way from the grid to the particles.
+struct Moved {
+    motion: Motion,
+    /// Lanes that stay in the block.
+    staying: u16,
+}
+
+/// The kernel's state while it goes over the batches of a block.
+struct Walk<'a, L> {
+    x: AlongX<L>,
+    place: &'a Place,
+    velocities: Tile,
+    base: Base,
+    advance: bool,
+    speed_squared: L,
+    leaving: Vec<(usize, Moving)>,
+    report: Report,
+}
+
+impl<L: Lanes> Walk<'_, L> {
+    /// Grid to one batch: its motion, and with `advance` its new place and strain.
+    #[inline(always)]
+    fn receive(&mut self, b: usize, batch: &mut Batch) -> Moved {
+        let used = batch.used();
+
+        // From the grid, one particle at a time.
+        let mut gathered = [Row::ZERO; WIDTH];
+        let (mut wy, mut wz) = ([Row::ZERO; 3], [Row::ZERO; 3]);
+        weights(L::load(&batch.offset[1]), &mut wy);
+        weights(L::load(&batch.offset[2]), &mut wz);
+        for i in 0..batch.len as usize {
+            let last = self.velocities.at(batch.node[i] as usize + LAST_ROW);
+            let y = [wy[0].0[i], wy[1].0[i], wy[2].0[i]];
+            let z = [wz[0].0[i], wz[1].0[i], wz[2].0[i]];
+            gather_one(&self.x, batch.offset[0].0[i], y, z, last).store(&mut gathered[i]);
+        }
+        let (one, four) = (L::fill(1.0), L::fill(4.0));
+        let mut rows = [one; WIDTH];
+        for i in 0..WIDTH {
+            rows[i] = L::load(&gathered[i]);
+        }
+        L::transpose(&mut rows);
+
+        // Sixteen at a time: the moment about the particle is that about the middle node less g v.
+        let mut v = [rows[0], rows[1], rows[2]];
+        let mut c = [one; 9];
+        for s in 0..3 {
+            let g = L::load(&batch.offset[s]) - one;
+            for r in 0..3 {
+                c[3 * r + s] = four * (rows[4 * (s + 1) + r] - g * v[r]);
+            }
+        }
+        if batch.held != 0 {
+            for d in 0..3 {
+                if self.base == Base::LowerHalfVz && d < 2 {
+                    continue;
+                }
+                let mut row = Row::ZERO;
+                v[d].keep(batch.held).store(&mut row);
+                self.report.base_impulse[d] -= row.0.iter().map(|&x| f64::from(x)).sum::<f64>();
+                v[d] = v[d].keep(!batch.held);
+            }
+            if self.base == Base::BondedLayers {
+                for ck in &mut c {
+                    *ck = ck.keep(!batch.held);
+                }
+            }
+        }
+        self.speed_squared = v[0].mul_add(v[0], v[1].mul_add(v[1], v[2].mul_add(v[2], self.speed_squared)));
+        let mut motion = Motion::NONE;
+        for d in 0..3 {
+            v[d].store(&mut motion.velocity[d]);
+        }
+        for k in 0..9 {
+            c[k].store(&mut motion.affine[k]);
+        }
+        let sane = v[0].less(one)
+            & v[1].less(one)
+            & v[2].less(one)
+            & (-v[0]).less(one)
+            & (-v[1]).less(one)
+            & (-v[2]).less(one);
+        if !sane & used != 0 {
+            let i = (!sane & used).trailing_zeros() as usize;
+            self.report.runaway = self.report.runaway.or(Some(batch.id[i]));
+            return Moved { motion, staying: used };
+        }
+        if !self.advance {
+            return Moved { motion, staying: used };
+        }
+
+        // Strain and place move on.
+        let mut h = [one; 9];
+        for k in 0..9 {
+            h[k] = L::load(&batch.strain[k]);
+        }
+        for r in 0..3 {
+            for s in 0..3 {
+                let ch = c[3 * r].mul_add(h[s], c[3 * r + 1].mul_add(h[3 + s], c[3 * r + 2] * h[6 + s]));
+                let moved = h[3 * r + s] + (c[3 * r + s] + ch);
+                let felt = L::fill(UNSTRAINED).less(moved.larger(-moved));
+                moved.keep(felt).store(&mut batch.strain[3 * r + s]);
+            }
+        }
+        let mut crossed = 0;
+        for d in 0..3 {
+            let x = L::load(&batch.offset[d]) + v[d];
+            crossed |= x.less(L::fill(0.5)) | L::fill(1.5).less(x);
+            x.store(&mut batch.offset[d]);
+        }
+        let gone = self.cross(b, batch, crossed & used, &motion);
+        Moved { motion, staying: used & !gone }
+    }
+
+    /// Gives particles that crossed a cell border their new cell. Returns the lanes that left the block.
+    #[inline(always)]
+    fn cross(&mut self, b: usize, batch: &mut Batch, mut crossed: u16, motion: &Motion) -> u16 {
+        let mut gone = 0;
+        while crossed != 0 {
+            let i = crossed.trailing_zeros() as usize;
+            crossed &= crossed - 1;
+            let mut at = tile_position(batch.node[i]);
+            for d in 0..3 {
+                let f = &mut batch.offset[d].0[i];
+                let shift = i32::from(*f > 1.5) - i32::from(*f < 0.5);
+                *f -= shift as f32;
+                at[d] += shift;
+            }
+            if (0..3).all(|d| at[d] >= 0 && at[d] < BLOCK[d] as i32) {
+                batch.node[i] = tile_node(at.map(|x| x as usize));
+                continue;
+            }
+            gone |= 1 << i;
+            let origin = self.place.origin();
+            let mut particle = batch.get(i, origin);
+            particle.cell = [origin[0] + at[0], origin[1] + at[1], origin[2] + at[2]];
+            let lane = |row: &Row| row.0[i];
+            let moving = Moving {
+                particle,
+                velocity: motion.velocity.each_ref().map(lane),
+                affine: motion.affine.each_ref().map(lane),
+            };
+            self.leaving.push((b * WIDTH + i, moving));
+        }
+        gone
+    }
 }
 
 impl Kernel for Pass<'_> {
@@ -220,155 +379,51 @@ impl Kernel for Pass<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Report {
         let Pass { place, nodes, bin, tile, elastic, base, advance } = self;
-        let mut out = Report::default();
-        let mut velocities = Tile::zero();
-        load_tile::<L>(place, nodes, &mut velocities);
+        let mut walk = Walk {
+            x: AlongX::<L>::new(),
+            place,
+            velocities: Tile::zero(),
+            base,
+            advance,
+            speed_squared: L::fill(0.0),
+            leaving: Vec::new(),
+            report: Report::default(),
+        };
+        load_tile::<L>(place, nodes, &mut walk.velocities);
         tile.0.fill(Row::ZERO);
-        let x = AlongX::<L>::new();
-        let (one, four) = (L::fill(1.0), L::fill(4.0));
-        let mut leaving: Vec<(usize, Moving)> = Vec::new();
-        let mut speed_squared = L::fill(0.0);
-        for (b, batch) in bin.batches.iter_mut().enumerate() {
-            let used = batch.used();
-
-            // From the grid, one particle at a time.
-            let mut gathered = [Row::ZERO; WIDTH];
-            let (mut wy, mut wz) = ([Row::ZERO; 3], [Row::ZERO; 3]);
-            weights(L::load(&batch.offset[1]), &mut wy);
-            weights(L::load(&batch.offset[2]), &mut wz);
-            for i in 0..batch.len as usize {
-                let last = velocities.at(batch.node[i] as usize + LAST_ROW);
-                let y = [wy[0].0[i], wy[1].0[i], wy[2].0[i]];
-                let z = [wz[0].0[i], wz[1].0[i], wz[2].0[i]];
-                gather_one(&x, batch.offset[0].0[i], y, z, last).store(&mut gathered[i]);
+        for (p, pair) in bin.batches.chunks_mut(2).enumerate() {
+            // The next two batches lie behind these.
+            let next = pair.as_ptr_range().end.cast::<Row>();
+            for line in 0..2 * size_of::<Batch>() / size_of::<Row>() {
+                L::fetch_soon(next.wrapping_add(line));
             }
-            let mut rows = [one; WIDTH];
-            for i in 0..WIDTH {
-                rows[i] = L::load(&gathered[i]);
+            let mut moved =
+                [Moved { motion: Motion::NONE, staying: 0 }, Moved { motion: Motion::NONE, staying: 0 }];
+            for (i, batch) in pair.iter_mut().enumerate() {
+                moved[i] = walk.receive(2 * p + i, batch);
             }
-            L::transpose(&mut rows);
-
-            // Sixteen particles at a time: the moment about the particle is that about the middle node less g v.
-            let mut v = [rows[0], rows[1], rows[2]];
-            let mut c = [one; 9];
-            for s in 0..3 {
-                let g = L::load(&batch.offset[s]) - one;
-                for r in 0..3 {
-                    c[3 * r + s] = four * (rows[4 * (s + 1) + r] - g * v[r]);
+            let [first, second] = &mut moved;
+            let strain = [&pair[0].strain, &pair[pair.len() - 1].strain];
+            let bad = add_stress::<L>(elastic, strain, [&mut first.motion.affine, &mut second.motion.affine]);
+            for (i, batch) in pair.iter().enumerate() {
+                let lanes = moved[i].staying;
+                scatter_batch(&walk.x, &moved[i].motion, &batch.offset, &batch.node, lanes, tile);
+                let bad = bad[i] & lanes;
+                if bad != 0 && walk.report.crushed.is_none() {
+                    walk.report.crushed = Some(batch.id[bad.trailing_zeros() as usize]);
                 }
-            }
-            if batch.held != 0 {
-                for d in 0..3 {
-                    if base == Base::LowerHalfVz && d < 2 {
-                        continue;
-                    }
-                    let mut row = Row::ZERO;
-                    v[d].keep(batch.held).store(&mut row);
-                    out.base_impulse[d] -= row.0.iter().map(|&x| f64::from(x)).sum::<f64>();
-                    v[d] = v[d].keep(!batch.held);
-                }
-                if base == Base::BondedLayers {
-                    for ck in &mut c {
-                        *ck = ck.keep(!batch.held);
-                    }
-                }
-            }
-            speed_squared = v[0].mul_add(v[0], v[1].mul_add(v[1], v[2].mul_add(v[2], speed_squared)));
-            let sane = v[0].less(one)
-                & v[1].less(one)
-                & v[2].less(one)
-                & (-v[0]).less(one)
-                & (-v[1]).less(one)
-                & (-v[2]).less(one);
-            if !sane & used != 0 {
-                let i = (!sane & used).trailing_zeros() as usize;
-                out.runaway = out.runaway.or(Some(batch.id[i]));
-                continue;
-            }
-
-            // Particles move, a few into another cell, fewer into another block.
-            let mut h = [one; 9];
-            for k in 0..9 {
-                h[k] = L::load(&batch.strain[k]);
-            }
-            let mut staying = used;
-            if advance {
-                let before = h;
-                for r in 0..3 {
-                    for s in 0..3 {
-                        let ch = c[3 * r].mul_add(
-                            before[s],
-                            c[3 * r + 1].mul_add(before[3 + s], c[3 * r + 2] * before[6 + s]),
-                        );
-                        let moved = before[3 * r + s] + (c[3 * r + s] + ch);
-                        let felt = L::fill(UNSTRAINED).less(moved.larger(-moved));
-                        h[3 * r + s] = moved.keep(felt);
-                        h[3 * r + s].store(&mut batch.strain[3 * r + s]);
-                    }
-                }
-                let mut crossed = 0;
-                for d in 0..3 {
-                    let x = L::load(&batch.offset[d]) + v[d];
-                    crossed |= x.less(L::fill(0.5)) | L::fill(1.5).less(x);
-                    x.store(&mut batch.offset[d]);
-                }
-                crossed &= used;
-                if crossed != 0 {
-                    let mut motion = [Row::ZERO; 12];
-                    for d in 0..3 {
-                        v[d].store(&mut motion[d]);
-                    }
-                    for k in 0..9 {
-                        c[k].store(&mut motion[3 + k]);
-                    }
-                    while crossed != 0 {
-                        let i = crossed.trailing_zeros() as usize;
-                        crossed &= crossed - 1;
-                        let mut at = tile_position(batch.node[i]);
-                        for d in 0..3 {
-                            let f = &mut batch.offset[d].0[i];
-                            let shift = i32::from(*f > 1.5) - i32::from(*f < 0.5);
-                            *f -= shift as f32;
-                            at[d] += shift;
-                        }
-                        if (0..3).all(|d| at[d] >= 0 && at[d] < BLOCK[d] as i32) {
-                            batch.node[i] = tile_node(at.map(|x| x as usize));
-                        } else {
-                            staying &= !(1 << i);
-                            let origin = place.origin();
-                            let mut particle = batch.get(i, origin);
-                            for d in 0..3 {
-                                particle.cell[d] = origin[d] + at[d];
-                            }
-                            let mut moving = Moving { particle, velocity: [0.0; 3], affine: [0.0; 9] };
-                            for d in 0..3 {
-                                moving.velocity[d] = motion[d].0[i];
-                            }
-                            for k in 0..9 {
-                                moving.affine[k] = motion[3 + k].0[i];
-                            }
-                            leaving.push((b * WIDTH + i, moving));
-                        }
-                    }
-                }
-            }
-
-            // And back to the grid.
-            let motion = Motion { velocity: v, affine: c };
-            let bad = scatter_batch(&x, elastic, &motion, &h, &batch.offset, &batch.node, staying, tile);
-            if bad != 0 && out.crushed.is_none() {
-                out.crushed = Some(batch.id[bad.trailing_zeros() as usize]);
             }
         }
+        let Walk { speed_squared, leaving, mut report, .. } = walk;
         let mut row = Row::ZERO;
         speed_squared.store(&mut row);
-        out.speed_squared = row.0.iter().map(|&x| f64::from(x)).sum();
+        report.speed_squared = row.0.iter().map(|&x| f64::from(x)).sum();
         // From the last to the first, so that what takes a leaver's place stays.
         for (index, moving) in leaving.into_iter().rev() {
             bin.swap_remove(index, place.origin());
-            out.leavers.push(moving);
+            report.leavers.push(moving);
         }
-        out
+        report
     }
 }
 
@@ -391,33 +446,27 @@ impl Kernel for Arrive<'_> {
         let mut crushed = None;
         for some in self.arrivals.chunks(WIDTH) {
             let mut offset = [Row([1.0; WIDTH]); 3];
-            let mut motion = [Row::ZERO; 12];
+            let mut motion = Motion::NONE;
             let mut strain = [Row::ZERO; 9];
             let mut node = [0; WIDTH];
             for (i, (m, at)) in some.iter().enumerate() {
                 node[i] = *at;
                 for d in 0..3 {
                     offset[d].0[i] = m.particle.offset[d];
-                    motion[d].0[i] = m.velocity[d];
+                    motion.velocity[d].0[i] = m.velocity[d];
                 }
                 for k in 0..9 {
-                    motion[3 + k].0[i] = m.affine[k];
+                    motion.affine[k].0[i] = m.affine[k];
                     strain[k].0[i] = m.particle.strain[k];
                 }
             }
-            let (mut velocity, mut affine, mut h) = ([L::fill(0.0); 3], [L::fill(0.0); 9], [L::fill(0.0); 9]);
-            for d in 0..3 {
-                velocity[d] = L::load(&motion[d]);
-            }
-            for k in 0..9 {
-                affine[k] = L::load(&motion[3 + k]);
-                h[k] = L::load(&strain[k]);
-            }
             let lanes = u16::MAX >> (WIDTH - some.len());
-            let motion = Motion { velocity, affine };
-            let bad = scatter_batch(&x, self.elastic, &motion, &h, &offset, &node, lanes, self.tile);
-            if bad != 0 && crushed.is_none() {
-                crushed = Some(some[bad.trailing_zeros() as usize].0.particle.id);
+            let mut idle = Motion::NONE;
+            let affine = [&mut motion.affine, &mut idle.affine];
+            let [bad, _] = add_stress::<L>(self.elastic, [&strain, &strain], affine);
+            scatter_batch(&x, &motion, &offset, &node, lanes, self.tile);
+            if bad & lanes != 0 && crushed.is_none() {
+                crushed = Some(some[(bad & lanes).trailing_zeros() as usize].0.particle.id);
             }
         }
         crushed

@@ -50,6 +50,7 @@ impl Neg for Avx2 {
 }
 
 impl Number for Avx2 {
+    const SQUARED_STEP: f64 = 1e-7;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         Self::fill(x as f32)

@@ -50,6 +50,7 @@ impl Neg for Avx512 {
 }
 
 impl Number for Avx512 {
+    const SQUARED_STEP: f64 = 1e-7;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         op!(_mm512_set1_ps(x as f32))

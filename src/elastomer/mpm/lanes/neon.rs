@@ -53,6 +53,7 @@ impl Neg for Neon {
 }
 
 impl Number for Neon {
+    const SQUARED_STEP: f64 = 1e-7;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         Self::fill(x as f32)

@@ -47,6 +47,7 @@ impl Neg for Portable {
 }
 
 impl Number for Portable {
+    const SQUARED_STEP: f64 = 1e-7;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         Self([x as f32; WIDTH])
