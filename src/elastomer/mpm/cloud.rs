@@ -78,12 +78,13 @@ impl Cloud {
                 }
             }
         }
-        // The tip plane holds the lowest point; of a flat face take the point nearest to the axis.
+        // A flat face has many lowest points. One on the axis stands still in a turn and could not measure
+        // it, one at the rim feels the edge: take one half way out.
         let floor = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
-        let lowest = *points
-            .iter()
-            .filter(|p| p.z <= floor + 1e-6)
-            .min_by(|p, q| p.truncate().length_squared().total_cmp(&q.truncate().length_squared()))?;
+        let face = || points.iter().filter(|p| p.z <= floor + 1e-6);
+        let half_way = face().map(|p| p.truncate().length()).fold(0.0, f64::max) / 2.0;
+        let off = |p: &DVec3| (p.truncate().length() - half_way).abs();
+        let lowest = *face().min_by(|p, q| off(p).total_cmp(&off(q)))?;
         let side_mm = dx_mm * BLOCK[0] as f64;
         let mut sorted: BTreeMap<[i32; 3], Vec<DVec3>> = BTreeMap::new();
         for p in &points {
@@ -100,6 +101,14 @@ impl Cloud {
         let radius_mm = points.iter().map(|p| p.truncate().length()).fold(0.0, f64::max);
         let bounds = points.iter().fold([lowest, lowest], |[lo, hi], p| [lo.min(*p), hi.max(*p)]);
         Some(Self { side_mm, buckets, bounds, len: points.len(), lowest, radius_mm })
+    }
+
+    /// Every point, indenter frame, mm.
+    pub fn points(&self) -> Vec<DVec3> {
+        let of = |b: &Points| -> Vec<DVec3> {
+            (0..b.len).map(|i| glam::Vec3::new(b.x.0[i], b.y.0[i], b.z.0[i]).as_dvec3()).collect()
+        };
+        self.buckets.values().flatten().flat_map(of).collect()
     }
 
     /// The batches whose buckets can reach into the box of half sides `half_mm` around a point of the pad frame.
