@@ -25,6 +25,9 @@
 //! when the indenter is still about a cell away. For answers use the quasi-static mode; these modes
 //! are for reproducing the paper.
 
+// Small matrices and stencils are indexed by several things at once; iterators would hide the formula.
+#![allow(clippy::needless_range_loop)]
+
 pub mod bench;
 pub mod body;
 pub mod cloud;

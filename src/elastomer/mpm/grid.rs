@@ -14,7 +14,7 @@
 use super::lanes::Row;
 
 /// Cells along the sides of a block. Along x it must be 4: four nodes of four components fill a row.
-pub const BLOCK: [usize; 3] = [4, 4, 4];
+pub const BLOCK: [usize; 3] = [4, 8, 8];
 /// Nodes along the sides of a tile.
 pub const TILE: [usize; 3] = [BLOCK[0] + RIM, BLOCK[1] + RIM, BLOCK[2] + RIM];
 /// Nodes by which a tile is longer than its block.

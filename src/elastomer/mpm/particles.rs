@@ -166,7 +166,7 @@ mod tests {
             offset: [0.6, 1.0, 1.4],
             strain: std::array::from_fn(|k| id as f32 + k as f32),
             id,
-            held: id % 3 == 0,
+            held: id.is_multiple_of(3),
             cell: [8, 9, 10],
         };
         let mut bin = Bin::default();

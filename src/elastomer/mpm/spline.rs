@@ -35,7 +35,7 @@ pub struct AlongX<L> {
 impl<L: Lanes> AlongX<L> {
     /// The constants in registers.
     #[inline(always)]
-    pub fn new() -> Self {
+    pub fn in_registers() -> Self {
         Self { c: L::load(&C), r: L::load(&R), a: L::load(&A), step: L::load(&STEP) }
     }
 

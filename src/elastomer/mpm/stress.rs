@@ -177,6 +177,7 @@ mod tests {
     const B: Moduli<f64> = Moduli { mu: 0.15 / 2.8, lambda: 0.15 * 0.4 / (1.4 * 0.2) };
 
     /// material, law, stretch l, axial P and lateral Cauchy stress (MPa): `analytic/patch_tests.csv`.
+    #[allow(clippy::type_complexity)]
     const UNIAXIAL: &[(Moduli<f64>, Law, f64, f64, f64)] = &[
         (A, Law::FixedCorotated, 0.7, -0.165, -0.135),
         (A, Law::FixedCorotated, 0.95, -0.0275, -0.0225),
@@ -191,6 +192,7 @@ mod tests {
     ];
 
     /// material, law, shear g, s13, s11, s33 (MPa): the same file.
+    #[allow(clippy::type_complexity)]
     const SHEAR: &[(Moduli<f64>, Law, f64, f64, f64, f64)] = &[
         (A, Law::FixedCorotated, 0.05, 0.0025007809, 0.0001562744, 3.1235359e-05),
         (A, Law::FixedCorotated, 0.25, 0.012596527, 0.003921344, 0.00077221233),

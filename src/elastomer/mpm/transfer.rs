@@ -380,7 +380,7 @@ impl Kernel for Pass<'_> {
     fn run<L: Lanes>(self) -> Report {
         let Pass { place, nodes, bin, tile, elastic, base, advance } = self;
         let mut walk = Walk {
-            x: AlongX::<L>::new(),
+            x: AlongX::<L>::in_registers(),
             place,
             velocities: Tile::zero(),
             base,
@@ -442,7 +442,7 @@ impl Kernel for Arrive<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) -> Option<u32> {
-        let x = AlongX::<L>::new();
+        let x = AlongX::<L>::in_registers();
         let mut crushed = None;
         for some in self.arrivals.chunks(WIDTH) {
             let mut offset = [Row([1.0; WIDTH]); 3];
