@@ -22,7 +22,7 @@ use std::time::Duration;
 use tokio_serial::SerialStream;
 
 /// A serial port of this machine.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct PortInfo {
     /// Its device path.
     pub path: PathBuf,
