@@ -20,6 +20,7 @@ pub mod document;
 mod gather;
 mod load;
 pub mod lookup;
+mod protocol_file;
 mod reader;
 pub mod report;
 pub mod rig;
@@ -30,6 +31,7 @@ pub mod tree;
 pub use check_report::CheckReport;
 pub use load::{IndenterConfig, PlanSetup, Setup, check, load};
 pub use lookup::{Kind, SourceFile};
+pub use protocol_file::{ProtocolFileError, protocol};
 pub use report::{ConfigError, Finding};
 pub use rig::{
     Mounted, OpticsMode, OpticsTable, RigConfig, SessionTable, TwinPoses, TwinTable, VirtualTable,

@@ -8,5 +8,6 @@ pub mod byte_log;
 pub mod camera;
 pub mod link;
 pub mod mover;
+pub mod port;
 pub mod settings;
 pub mod virtual_bench;

@@ -70,6 +70,7 @@ pub mod dataset;
 pub mod device;
 pub mod plan;
 // Layer 3a: activities.
+pub mod pairing;
 pub mod session;
 pub mod twin;
 // Layer 3b: whole collections.

@@ -153,6 +153,15 @@ fn shipped_files_are_found_from_anywhere_and_own_files_come_first() {
     assert!(!marlin.text.is_empty());
 }
 
+#[test]
+fn files_that_are_not_there_are_named_both() {
+    let error = config::load(Path::new("rig_configs/virtul.toml"), Some(Path::new("no/where.toml")), &[]);
+    let said = error.unwrap_err().to_string();
+    assert!(said.contains("rig_configs/virtul.toml: there is no such file"), "{said}");
+    assert!(said.contains("did you mean rig_configs/virtual.toml?"), "{said}");
+    assert!(said.contains("no/where.toml: there is no such file"), "{said}");
+}
+
 /// Loads every folder of `tests/bad_configs/`: `rig.toml` and `plan.toml` (the virtual bench and the
 /// small plan where absent), `sets.txt` with one override a line. What is said must be
 /// `expected.txt`, written anew where TWINRIG_ACCEPT is set.

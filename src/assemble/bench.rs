@@ -2,11 +2,10 @@
 
 use crate::clock::Clock;
 use crate::config::{RigConfig, Setup};
-use crate::device::byte_log::ByteLog;
 use crate::device::camera::settings::CameraSource;
-use crate::device::camera::{Camera, CameraError};
-use crate::device::link::LinkOptions;
-use crate::device::mover::{Mover, MoverError};
+use crate::device::camera::{Camera, CameraError, open};
+use crate::device::mover::Mover;
+use crate::device::port::{self, ConnectError};
 use crate::device::settings::{MoverSettings, PortSettings};
 use crate::device::virtual_bench::camera::VirtualCamera;
 use crate::device::virtual_bench::picture::look::SensorLook;
@@ -17,7 +16,7 @@ use crate::protocol::Spec;
 use crate::protocol::engine::StopKind;
 use crate::session::{Bench, StopLevel, StopSwitch};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use tokio::sync::oneshot;
 use tokio::task::JoinSet;
@@ -25,27 +24,21 @@ use tokio::task::JoinSet;
 /// Why a bench could not be put together. Nothing has moved.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
-    /// A port cannot be opened.
+    /// A device cannot be opened or does not answer as it should.
     #[error("device {device}: {source}")]
-    Port {
+    Device {
         /// Device of the rig file.
         device: String,
         /// Why.
-        source: tokio_serial::Error,
-    },
-    /// A device does not answer as it should.
-    #[error("device {device}: {source}")]
-    Mover {
-        /// Device of the rig file.
-        device: String,
-        /// Why.
-        source: MoverError,
+        source: ConnectError,
     },
     /// The camera cannot be opened.
     #[error(transparent)]
     Camera(#[from] CameraError),
     /// The protocol has no emulator.
-    #[error("device {device}: protocol {protocol} has no [emulator] table, so it has no virtual port; give a real port or add the table")]
+    #[error(
+        "device {device}: protocol {protocol} has no [emulator] table, so it has no virtual port; give a real port or add the table"
+    )]
     NoEmulator {
         /// Device of the rig file.
         device: String,
@@ -75,14 +68,6 @@ pub enum BenchError {
         speed: f64,
         /// The rig.
         rig: String,
-    },
-    /// A byte log cannot be written.
-    #[error("cannot write the byte log {}: {why}; check the folder and the space left", path.display())]
-    Log {
-        /// The file.
-        path: PathBuf,
-        /// The system's reason.
-        why: String,
     },
 }
 
@@ -130,7 +115,11 @@ pub async fn bench(setup: &Setup, options: &BenchOptions, stop: StopSwitch) -> R
         stop.register(
             device,
             Box::new(move |level| {
-                _ = handle.stop(if level == StopLevel::Emergency { StopKind::Emergency } else { StopKind::Controlled });
+                _ = handle.stop(if level == StopLevel::Emergency {
+                    StopKind::Emergency
+                } else {
+                    StopKind::Controlled
+                });
             }),
         );
         movers.insert(device.clone(), mover);
@@ -148,24 +137,14 @@ async fn connect(
     clock: Clock,
     options: &BenchOptions,
 ) -> Result<Mover, BenchError> {
-    let failed = |source| BenchError::Port { device: device.to_owned(), source };
-    use tokio_serial::SerialPortBuilderExt;
-    let PortSettings::Path(path) = port else { unreachable!() };
-    let stream = tokio_serial::new(path, settings.baud.unwrap_or(115_200)).open_native_async().map_err(failed)?;
-    let log = match &options.logs {
-        None => None,
-        Some(folder) => Some(byte_log(folder, device)?),
-    };
-    let link = LinkOptions { log, urgent: None };
-    let mover = Mover::connect_with(stream, spec, settings.clone(), clock, link).await;
-    mover.map_err(|source| BenchError::Mover { device: device.to_owned(), source })
-}
-
-fn byte_log(folder: &Path, device: &str) -> Result<ByteLog, BenchError> {
-    let path = folder.join(format!("{device}.log"));
-    let failed = |e: std::io::Error| BenchError::Log { path: path.clone(), why: e.to_string() };
-    std::fs::create_dir_all(folder).map_err(failed)?;
-    ByteLog::create(&path).map_err(failed)
+    let failed = |source| BenchError::Device { device: device.to_owned(), source };
+    let path = port::resolve(port).map_err(|e| failed(e.into()))?;
+    let log = options.logs.as_ref().map(|folder| folder.join(format!("{device}.log")));
+    if let Some(folder) = &options.logs {
+        let unwritable = |source| failed(ConnectError::Log { path: folder.clone(), source });
+        std::fs::create_dir_all(folder).map_err(unwritable)?;
+    }
+    port::connect(&path, spec, settings.clone(), clock, log.as_deref()).await.map_err(failed)
 }
 
 /// Starts an emulator behind a pseudo-terminal and answers the path to open.
@@ -215,9 +194,10 @@ async fn camera(
 ) -> Result<Box<dyn Camera>, CameraError> {
     match (rig.camera.source, world) {
         (CameraSource::Virtual, Some(world)) => {
-            Ok(Box::new(VirtualCamera::new(&rig.camera, look(rig, sensor), world.clone(), clock)))
+            let camera = VirtualCamera::new(&rig.camera, look(rig, sensor), world.clone(), clock);
+            open::ready(Box::new(camera), &rig.camera, clock).await
         }
-        _ => Err(CameraError::Open { camera: "any".into(), why: "no".into() }),
+        _ => open::open(&rig.camera, clock).await,
     }
 }
 

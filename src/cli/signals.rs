@@ -7,8 +7,9 @@ use std::sync::atomic::{AtomicU8, Ordering};
 use tokio::signal::unix::{SignalKind, signal};
 
 /// Which signal was received, for the exit code.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Signals {
+    stop: StopSwitch,
     received: Arc<AtomicU8>,
 }
 
@@ -19,7 +20,7 @@ impl Signals {
     /// # Errors
     /// When the system refuses to install a handler.
     pub fn listen(stop: StopSwitch) -> std::io::Result<Signals> {
-        let signals = Signals::default();
+        let signals = Signals { stop: stop.clone(), received: Arc::default() };
         let mut interrupt = signal(SignalKind::interrupt())?;
         let mut terminate = signal(SignalKind::terminate())?;
         let mut hangup = signal(SignalKind::hangup())?;
@@ -35,7 +36,7 @@ impl Signals {
                 if first {
                     stop.raise(StopLevel::Controlled);
                     received.store(number, Ordering::SeqCst);
-                    super::screen::warning("stopping: motion stops, the arm retracts, the dataset stays consistent (once more to stop at once)");
+                    super::screen::warning("stopping (once more to stop at once)");
                     first = false;
                 } else {
                     stop.raise(StopLevel::Emergency);
@@ -47,6 +48,11 @@ impl Signals {
             }
         });
         Ok(signals)
+    }
+
+    /// Waits for the first signal.
+    pub async fn received(&self) {
+        self.stop.raised_to(StopLevel::Controlled).await;
     }
 
     /// How the command ended if a signal ended it.

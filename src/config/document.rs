@@ -125,14 +125,16 @@ pub struct Setting {
 
 impl Setting {
     /// Reads `KEY=VALUE`.
-    pub fn parse(text: &str) -> Result<Self, Finding> {
-        let complain = |key: &str, value: String, allowed: &str, next: &str| Finding {
-            file: COMMAND_LINE.to_owned(),
-            at: Some(Origin::Set(text.to_owned())),
-            key: key.to_owned(),
-            value,
-            allowed: allowed.to_owned(),
-            next: next.to_owned(),
+    pub fn parse(text: &str) -> Result<Self, Box<Finding>> {
+        let complain = |key: &str, value: String, allowed: &str, next: &str| {
+            Box::new(Finding {
+                file: COMMAND_LINE.to_owned(),
+                at: Some(Origin::Set(text.to_owned())),
+                key: key.to_owned(),
+                value,
+                allowed: allowed.to_owned(),
+                next: next.to_owned(),
+            })
         };
         let Some((key, value)) = text.split_once('=') else {
             let next = "write e.g. --set elastomer.tolerance=0.01";

@@ -79,7 +79,7 @@ fn was_misspelt(problems: &mut [Problem], path: &Path, error: &ReadError) -> boo
 const UNKNOWN: &str = "(unknown key)";
 
 /// The path of the value at fault. Inside a table that is told apart by a tag, serde has lost the
-/// path: the child whose replacement changes the error is the one.
+/// path: the child whose replacement cures the table is the one.
 fn locate<T: DeserializeOwned>(tree: &Node, error: &ReadError) -> (Path, ReadError) {
     let path = error.path();
     match &error.fault {
@@ -93,12 +93,12 @@ fn locate<T: DeserializeOwned>(tree: &Node, error: &ReadError) -> (Path, ReadErr
             };
             for (key, _) in children {
                 let child = path.then(Step::Key(key.clone()));
-                let changes = candidates(error).into_iter().any(|value| {
+                let cures = candidates(error).into_iter().any(|value| {
                     let mut trial = tree.clone();
                     let put = trial.put(&child, Node { value, origin: Origin::Line(0) });
-                    put.is_ok() && T::deserialize(Reader(&trial)).err().as_ref() != Some(error)
+                    put.is_ok() && gets_past::<T>(&trial, &path, error)
                 });
-                if changes {
+                if cures {
                     return (child, error.clone());
                 }
             }
@@ -131,29 +131,37 @@ fn candidates(error: &ReadError) -> Vec<Value> {
 
 /// Puts something at `path` with which reading gets past it.
 fn put_placeholder<T: DeserializeOwned>(tree: &mut Node, path: &Path, error: &ReadError) -> bool {
-    // Asking for what is not there tells which words an enum knows.
-    let mut trial = tree.clone();
-    let asked = trial.put(path, Node { value: Value::Nothing, origin: Origin::Line(0) });
-    let wanted = asked.ok().and_then(|()| T::deserialize(Reader(&trial)).err());
-    for value in candidates(wanted.as_ref().unwrap_or(error)) {
+    // Asking for what is not there, or for no word, tells which words an enum knows.
+    let asked = |value| {
+        let mut trial = tree.clone();
+        trial.put(path, Node { value, origin: Origin::Line(0) }).ok()?;
+        T::deserialize(Reader(&trial)).err().filter(|e| matches!(e.fault, Fault::Variant { .. }))
+    };
+    let words = [Value::Nothing, Value::String(String::new())].into_iter().find_map(asked);
+    let best = words.as_ref().unwrap_or(error);
+    for value in candidates(best) {
         let mut trial = tree.clone();
         if trial.put(path, Node { value, origin: Origin::Line(0) }).is_err() {
             return false;
         }
-        let gets_past = match T::deserialize(Reader(&trial)) {
-            Ok(_) => true,
-            Err(next) => match &next.fault {
-                // An empty table that wants its keys is a table in the right place.
-                Fault::Missing { .. } => next.path() == *path || !next.path().starts_with(path),
-                _ => !next.path().starts_with(path) && next != *error,
-            },
-        };
-        if gets_past {
+        if gets_past::<T>(&trial, path, error) {
             *tree = trial;
             return true;
         }
     }
     false
+}
+
+/// Whether reading `trial` gets further than the table or value at `path`, where `error` was.
+fn gets_past<T: DeserializeOwned>(trial: &Node, path: &Path, error: &ReadError) -> bool {
+    match T::deserialize(Reader(trial)) {
+        Ok(_) => true,
+        Err(next) => match &next.fault {
+            // An empty table that wants its keys is a table in the right place.
+            Fault::Missing { .. } => next.path() == *path || !next.path().starts_with(path),
+            _ => !next.path().starts_with(path) && next != *error,
+        },
+    }
 }
 
 fn describe<T: DeserializeOwned>(tree: &Node, path: &Path, error: &ReadError) -> Problem {
@@ -179,12 +187,12 @@ fn describe<T: DeserializeOwned>(tree: &Node, path: &Path, error: &ReadError) ->
             let table = path.parent();
             let place =
                 if table.0.is_empty() { "the top of the file".to_owned() } else { format!("[{table}]") };
-            Problem {
-                key,
-                value: "missing".to_owned(),
-                allowed: wanted,
-                next: format!("add `{name} = ...` to {place}"),
-            }
+            let next = if wanted == "a table" {
+                format!("add a table [{path}]")
+            } else {
+                format!("add `{name} = ...` to {place}")
+            };
+            Problem { key, value: "missing".to_owned(), allowed: wanted, next }
         }
         Fault::Variant { known } => {
             let near = tree.at(path).and_then(|n| match &n.value {

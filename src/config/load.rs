@@ -8,13 +8,14 @@ use super::rig::{ANY_SENSOR, RigConfig, RigFile};
 use super::sensor::{SensorConfig, SensorFile};
 use super::tree::Origin;
 use crate::device::camera::settings::CameraSource;
+use crate::device::settings::MoverSettings;
 use crate::indenter::spec::Shape;
 use crate::indenter::{self, Indenter, IndenterSpec};
 use crate::motion::Trajectory;
 use crate::plan::estimate::{Pace, estimate};
 use crate::plan::{self, Estimate, Plan, PlanFile};
 use crate::problem::{Problem, Problems};
-use crate::protocol::Spec;
+use crate::protocol::{Pattern, Spec};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -202,7 +203,7 @@ impl Loader {
             let setting = match Setting::parse(text) {
                 Ok(setting) => setting,
                 Err(finding) => {
-                    self.findings.push(finding);
+                    self.findings.push(*finding);
                     continue;
                 }
             };
@@ -239,9 +240,10 @@ impl Loader {
         rig: &RigConfig,
         lookup: &Lookup,
     ) -> BTreeMap<String, Arc<Spec>> {
-        let mut protocols = BTreeMap::new();
+        let mut protocols: BTreeMap<String, Arc<Spec>> = BTreeMap::new();
         for (device, mover) in &rig.devices {
-            if protocols.contains_key(&mover.protocol) {
+            if let Some(spec) = protocols.get(&mover.protocol) {
+                self.wiring(document, device, mover, spec);
                 continue;
             }
             let key = format!("devices.{device}.protocol");
@@ -250,6 +252,7 @@ impl Loader {
             };
             match Spec::parse(&source.path, &source.text) {
                 Ok(spec) => {
+                    self.wiring(document, device, mover, &spec);
                     protocols.insert(mover.protocol.clone(), Arc::new(spec));
                 }
                 Err(error) => self.findings.extend(error.problems.into_iter().map(|p| Finding {
@@ -263,6 +266,37 @@ impl Loader {
             }
         }
         protocols
+    }
+
+    /// What the protocol wants of the device's table.
+    fn wiring(&mut self, document: &Document, device: &str, mover: &MoverSettings, spec: &Spec) {
+        for (name, axis) in &mover.axes {
+            let key = |key: &str| format!("devices.{device}.axes.{name}.{key}");
+            if !spec.axis.wire.is_match(axis.wire.as_bytes()) {
+                self.findings.push(document.complain(
+                    &key("wire"),
+                    format!("{:?}", axis.wire),
+                    format!("a name that {} gives its axes: {}", mover.protocol, spec.axis.wire.as_str()),
+                    "write the letter or address that this axis has on the controller",
+                ));
+            }
+            if spec.axis.counts && axis.counts_per_unit.is_none() {
+                self.findings.push(document.complain(
+                    &key("counts_per_unit"),
+                    "missing",
+                    "device counts per mm or degree",
+                    format!("add it: {} speaks in counts", mover.protocol),
+                ));
+            }
+        }
+        if let Some(Err(error)) = mover.identity.as_deref().map(Pattern::new) {
+            self.findings.push(document.complain(
+                &format!("devices.{device}.identity"),
+                format!("{:?}", mover.identity.as_deref().unwrap_or_default()),
+                format!("a regular expression ({})", error.lines().last().unwrap_or_default().trim()),
+                "write a part of what the firmware says about itself, e.g. \"Marlin\"",
+            ));
+        }
     }
 
     /// The file of that name, or a finding at the key that names it.

@@ -286,6 +286,15 @@ impl RigFile {
     }
 
     fn check_motion(&self, problems: &mut Problems) {
+        let pressing = self.devices.get(&self.motion.z.device).and_then(|d| d.axes.get(&self.motion.z.axis));
+        if let Some(axis) = pressing.filter(|a| self.session.touch_feed_mm_s > a.max_feed) {
+            problems.push(
+                "session.touch_feed_mm_s",
+                self.session.touch_feed_mm_s,
+                format!("0.001 to {} mm/s, the fastest of {}", axis.max_feed, self.motion.z.axis),
+                "touch off slower, or correct max_feed of the press axis",
+            );
+        }
         let mut taken: Vec<(&str, &str, &str)> = Vec::new();
         for coordinate in Coordinate::ALL {
             let Some(role) = self.motion.role(coordinate) else { continue };

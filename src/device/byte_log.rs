@@ -7,7 +7,7 @@
 
 use crate::clock::Timestamp;
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// Size at which a file is rotated: days of polling, still opened by any editor.
@@ -28,7 +28,8 @@ pub enum Direction {
 #[derive(Debug)]
 pub struct ByteLog {
     path: PathBuf,
-    file: BufWriter<File>,
+    /// Not buffered: a killed session is the one whose log is wanted.
+    file: File,
     written: u64,
     rotate_at: u64,
     begun: Option<Timestamp>,
@@ -44,7 +45,7 @@ impl ByteLog {
         if path.exists() {
             std::fs::rename(path, older(path))?;
         }
-        let file = BufWriter::new(File::create(path)?);
+        let file = File::create(path)?;
         Ok(ByteLog { path: path.to_owned(), file, written: 0, rotate_at, begun: None })
     }
 
@@ -63,20 +64,14 @@ impl ByteLog {
         self.record(at, '#', &escape(text.as_bytes()))
     }
 
-    /// Hands everything to the operating system.
-    pub fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
-    }
-
     fn record(&mut self, at: Timestamp, sign: char, text: &str) -> io::Result<()> {
         let begun = *self.begun.get_or_insert(at);
         let line = format!("{:12.6} {sign} {text}\n", at.seconds_since(begun));
         self.file.write_all(line.as_bytes())?;
         self.written += line.len() as u64;
         if self.written >= self.rotate_at {
-            self.file.flush()?;
             std::fs::rename(&self.path, older(&self.path))?;
-            self.file = BufWriter::new(File::create(&self.path)?);
+            self.file = File::create(&self.path)?;
             self.written = 0;
         }
         Ok(())
@@ -165,7 +160,6 @@ mod tests {
         for i in 0..20 {
             log.bytes(Timestamp(i * 1_000_000), Direction::Sent, b"$J=G90 X1\n").unwrap();
         }
-        log.flush().unwrap();
         let names = std::fs::read_dir(folder.path()).unwrap().count();
         assert_eq!(names, 2);
         assert!(std::fs::metadata(&path).unwrap().len() <= 240);

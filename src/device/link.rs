@@ -74,13 +74,14 @@ struct Shared {
     stops: AtomicU64,
     notify: Notify,
     bytes: [Vec<u8>; 2],
-    urgent: Option<Box<dyn UrgentWrite>>,
 }
 
 /// Under this lock bytes are written.
 struct Gate {
     /// The last write ended inside a line or frame.
     inside_unit: bool,
+    /// The second door; given up when the link ends, so that the port is closed.
+    urgent: Option<Box<dyn UrgentWrite>>,
 }
 
 /// Stops one device, from any thread, at once. Cheap to clone.
@@ -108,7 +109,7 @@ impl StopHandle {
         shared.latched.store(true, Ordering::SeqCst);
         shared.wanted.fetch_max(level, Ordering::SeqCst);
         shared.stops.fetch_add(1, Ordering::SeqCst);
-        let direct = shared.urgent.as_ref().filter(|_| !gate.inside_unit);
+        let direct = gate.urgent.as_ref().filter(|_| !gate.inside_unit);
         let written = direct.is_some_and(|d| matches!(d.write_now(bytes), Ok(n) if n == bytes.len()));
         shared.written.store(written, Ordering::SeqCst);
         drop(gate);
@@ -137,14 +138,13 @@ impl Link {
         S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
     {
         let shared = Arc::new(Shared {
-            gate: Mutex::new(Gate { inside_unit: false }),
+            gate: Mutex::new(Gate { inside_unit: false, urgent: options.urgent }),
             wanted: AtomicU8::new(0),
             written: AtomicBool::new(false),
             latched: AtomicBool::new(false),
             stops: AtomicU64::new(0),
             notify: Notify::new(),
             bytes: [engine.stop_bytes(StopKind::Controlled), engine.stop_bytes(StopKind::Emergency)],
-            urgent: options.urgent,
         });
         let (calls, incoming) = mpsc::unbounded_channel();
         let (sender, telemetry) = watch::channel(Telemetry::default());
@@ -256,12 +256,14 @@ impl LinkTask {
                     Some(call) => self.call(call),
                     None => {
                         self.abandon(&mut writer).await;
+                        self.close_door();
                         return;
                     }
                 },
                 () = self.clock.sleep_until(wake) => {}
             }
         };
+        self.close_door();
         self.engine.link_lost(&ended);
         self.known.ended = Some(ended);
         self.turn();
@@ -441,10 +443,10 @@ impl LinkTask {
             let _ = tokio::time::timeout(Duration::from_millis(200), writer.write_all(&bytes)).await;
             self.write_down(self.clock.now(), Direction::Stop, &bytes);
         }
-        if let Some(log) = &mut self.log {
-            // The log is a convenience; the session is over.
-            let _ = log.flush();
-        }
+    }
+
+    fn close_door(&self) {
+        self.shared.gate.lock().unwrap_or_else(PoisonError::into_inner).urgent = None;
     }
 
     fn refuse_calls(&mut self) {
@@ -454,9 +456,6 @@ impl LinkTask {
             if let Call::Request(_, done) = call {
                 let _ = done.send(Err(Failure::LinkLost(reason.clone())));
             }
-        }
-        if let Some(log) = &mut self.log {
-            let _ = log.flush();
         }
     }
 }

@@ -15,6 +15,8 @@
 
 mod error;
 #[cfg(test)]
+mod faults;
+#[cfg(test)]
 mod tests;
 mod travel;
 

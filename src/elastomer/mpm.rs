@@ -5,10 +5,11 @@
 //! step, each a file:
 //!
 //! 1. [`cloud`]: the indenter's points put their mass and prescribed momentum on the grid;
-//! 2. [`transfer`]: particles to grid with [`stress`], momentum to velocity, grid to particles;
+//! 2. [`update`]: momentum to velocity, with what the pad's particles put there;
 //! 3. here: the relative-rest test; on acceptance (or at the limit) x and F advance once, otherwise the
 //!    pass is repeated with x and F held;
-//! 4. [`body`] over [`grid`] and [`particles`]: particles find their new blocks.
+//! 4. [`transfer`] with [`spline`] and [`stress`]: grid to particles, and the same particles back to the grid;
+//! 5. [`body`] over [`grid`] and [`particles`]: particles find their new blocks.
 //!
 //! **Corrections to the printed method** (all needed for it to work at all): C is the moment of the grid's
 //! velocities, not of the particle's own; the affine momentum carries the particle's mass; the
@@ -24,6 +25,9 @@
 //! when the indenter is still about a cell away. For answers use the quasi-static mode; these modes
 //! are for reproducing the paper.
 
+// Small matrices and stencils are indexed by several things at once; iterators would hide the formula.
+#![allow(clippy::needless_range_loop)]
+
 pub mod bench;
 pub mod body;
 pub mod cloud;
@@ -31,9 +35,11 @@ pub mod grid;
 pub mod lanes;
 pub mod particles;
 pub mod scheme;
+pub mod spline;
 pub mod stress;
 pub mod surface;
 pub mod transfer;
+pub mod update;
 
 use self::body::{Body, Fault};
 use self::cloud::Cloud;
@@ -167,11 +173,11 @@ impl ExplicitSolver {
         let mut sum = StepForces::default();
         let mut passes = 0;
         loop {
-            let exchange = self.body.to_grid().map_err(|f| self.diverged(f))?;
+            let exchange = self.body.update_grid();
             passes += 1;
             let rest = self.settings.mode == Mode::Mpm || self.relative_rest(x_o, v_o);
             let last = rest || passes >= self.settings.rest_limit;
-            self.body.to_particles(last).map_err(|f| self.diverged(f))?;
+            self.body.pass(last).map_err(|f| self.diverged(f))?;
             for d in 0..3 {
                 sum.on_pad[d] += exchange.impulse[d];
                 sum.base[d] += self.body.base_impulse[d];
@@ -193,7 +199,7 @@ impl ExplicitSolver {
         Ok(())
     }
 
-    fn torque_about_axis(&self, exchange: &transfer::Exchange, pose: &Pose) -> f64 {
+    fn torque_about_axis(&self, exchange: &update::Exchange, pose: &Pose) -> f64 {
         let dx = self.body.scheme.dx_mm;
         exchange.torque - (pose.x_mm * exchange.impulse[1] - pose.y_mm * exchange.impulse[0]) / dx
     }
@@ -217,25 +223,22 @@ impl ExplicitSolver {
             step: self.step,
             time_s: self.step as f64 * self.body.scheme.dt_s,
             particle: fault.particle,
-            what: fault.what,
+            what: fault.what.to_owned(),
         }
     }
 
     /// Kinetic and elastic energy, N mm.
     pub fn energies_n_mm(&self) -> (f64, f64) {
         let scheme = &self.body.scheme;
-        let parts: Vec<(f64, f64)> = self
+        let parts: Vec<f64> = self
             .body
             .blocks()
             .map(|(bin, origin)| {
-                bin.iter(origin).fold((0.0, 0.0), |(kinetic, elastic), p| {
-                    let v2: f64 = p.velocity.iter().map(|&v| f64::from(v).powi(2)).sum();
-                    let h = p.strain.map(f64::from);
-                    (kinetic + 0.5 * v2, elastic + energy_density(scheme.law, &h, scheme.moduli_pa))
-                })
+                let density = |h: [f32; 9]| energy_density(scheme.law, &h.map(f64::from), scheme.moduli_pa);
+                bin.iter(origin).map(|p| density(p.strain)).sum()
             })
             .collect();
-        let (kinetic, elastic) = parts.iter().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
+        let (kinetic, elastic) = (0.5 * self.body.speed_squared, parts.iter().sum::<f64>());
         let volume: f64 = scheme.spacing_mm.iter().product();
         // g (mm/s)^2 and Pa mm^3 are both 1e-6 N mm.
         (

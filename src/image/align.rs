@@ -55,13 +55,13 @@ pub fn apply<'a>(
 ) -> Result<(Picture, Picture), Error> {
     let (fixed, moved) = (fixed.into(), moved.into());
     same_size("the second picture", (fixed.width, fixed.height), (moved.width, moved.height))?;
-    // Columns c of `fixed` for which c + d lies in the picture.
-    let span = |size: u32, d: f64| {
-        let low = (-d).ceil().max(0.0) as u32;
+    let (x0, y0) = origin(shift);
+    // Columns c of `fixed` from there on for which c + d lies in the picture.
+    let span = |size: u32, low: u32, d: f64| {
         let high = (f64::from(size) - 1.0 - d.max(0.0)).floor();
-        (low, if high < f64::from(low) { 0 } else { high as u32 - low + 1 })
+        if high < f64::from(low) { 0 } else { high as u32 - low + 1 }
     };
-    let ((x0, width), (y0, height)) = (span(fixed.width, shift.dx_px), span(fixed.height, shift.dy_px));
+    let (width, height) = (span(fixed.width, x0, shift.dx_px), span(fixed.height, y0, shift.dy_px));
     let kept = fixed.crop(x0, y0, width, height)?;
     let mut rgb = Vec::with_capacity(kept.rgb.len());
     for y in 0..height {
@@ -82,6 +82,12 @@ pub fn apply<'a>(
         }
     }
     Ok((kept, Picture { width, height, rgb }))
+}
+
+/// Top left corner, in the fixed picture, of what [`apply`] keeps.
+pub fn origin(shift: Shift) -> (u32, u32) {
+    let low = |d: f64| (-d).ceil().max(0.0) as u32;
+    (low(shift.dx_px), low(shift.dy_px))
 }
 
 fn grey(view: View<'_>) -> Vec<f64> {

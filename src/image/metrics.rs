@@ -82,48 +82,84 @@ pub fn compare_with_null<'a>(
     })
 }
 
+/// Compares whole pictures and the same pictures within a region, at the price of one comparison. The
+/// second answer is `None` when the region is empty or touches only the border.
+///
+/// # Errors
+/// As [`compare_within`].
+pub fn compare_whole_and_within<'a>(
+    a: impl Into<View<'a>>,
+    b: impl Into<View<'a>>,
+    region: Option<&Mask>,
+) -> Result<(Metrics, Option<Metrics>), Error> {
+    let maps = Maps::of(a.into(), b.into())?;
+    let part = match region {
+        None => None,
+        Some(region) => match maps.over(Some(region)) {
+            Err(Error::EmptyRegion) => None,
+            scored => Some(scored?),
+        },
+    };
+    Ok((maps.over(None)?, part))
+}
+
 fn over(a: View<'_>, b: View<'_>, region: Option<&Mask>) -> Result<Metrics, Error> {
-    same_size("the second picture", (a.width, a.height), (b.width, b.height))?;
-    if let Some(m) = region {
-        same_size("the region", (a.width, a.height), (m.width, m.height))?;
-    }
-    let least = WINDOW as u32;
-    if a.width < least || a.height < least {
-        return Err(Error::TooSmall { width: a.width, height: a.height, least });
-    }
-    let chosen = |i: usize| region.is_none_or(|m| m.inside[i]);
+    Maps::of(a, b)?.over(region)
+}
 
-    // Squared errors.
-    let (mut sum, mut count) = (0u64, 0u64);
-    for (i, (p, q)) in a.rgb.chunks_exact(3).zip(b.rgb.chunks_exact(3)).enumerate() {
-        if chosen(i) {
-            sum += p.iter().zip(q).map(|(&x, &y)| u64::from(x.abs_diff(y)).pow(2)).sum::<u64>();
-            count += 3;
+/// Squared error of each pixel and SSIM of each window, from which any region can be scored.
+struct Maps {
+    width: usize,
+    height: usize,
+    /// Sum over the channels, by pixel.
+    squared: Vec<u32>,
+    /// Sum over the channels, by window that lies wholly inside.
+    ssim: Vec<f64>,
+}
+
+impl Maps {
+    fn of(a: View<'_>, b: View<'_>) -> Result<Maps, Error> {
+        same_size("the second picture", (a.width, a.height), (b.width, b.height))?;
+        let least = WINDOW as u32;
+        if a.width < least || a.height < least {
+            return Err(Error::TooSmall { width: a.width, height: a.height, least });
         }
+        let (width, height) = (a.width as usize, a.height as usize);
+        let square = |(p, q): (&[u8], &[u8])| -> u32 {
+            p.iter().zip(q).map(|(&x, &y)| u32::from(x.abs_diff(y)).pow(2)).sum()
+        };
+        let squared = a.rgb.chunks_exact(3).zip(b.rgb.chunks_exact(3)).map(square).collect();
+        let channels: Vec<Vec<f64>> = (0..3usize)
+            .into_par_iter()
+            .map(|c| ssim_map(&channel(a, c), &channel(b, c), width, height))
+            .collect();
+        let ssim = (0..channels[0].len()).map(|i| channels.iter().map(|c| c[i]).sum()).collect();
+        Ok(Maps { width, height, squared, ssim })
     }
-    if count == 0 {
-        return Err(Error::EmptyRegion);
-    }
-    let mse = sum as f64 / count as f64;
 
-    // Structure.
-    let channels: Vec<(f64, u64)> = (0..3usize)
-        .into_par_iter()
-        .map(|c| {
-            let map = ssim_map(&channel(a, c), &channel(b, c), a.width as usize, a.height as usize);
-            let (inner, half) = (a.width as usize - WINDOW + 1, WINDOW / 2);
-            map.iter().enumerate().fold((0.0, 0), |(sum, n), (i, s)| {
-                let centre = (i / inner + half) * a.width as usize + i % inner + half;
-                if chosen(centre) { (sum + s, n + 1) } else { (sum, n) }
-            })
-        })
-        .collect();
-    let windows = channels[0].1;
-    if windows == 0 {
-        return Err(Error::EmptyRegion);
+    fn over(&self, region: Option<&Mask>) -> Result<Metrics, Error> {
+        if let Some(m) = region {
+            same_size("the region", (self.width as u32, self.height as u32), (m.width, m.height))?;
+        }
+        let chosen = |i: usize| region.is_none_or(|m| m.inside[i]);
+        let (mut errors, mut pixels) = (0u64, 0u64);
+        for (_, &e) in self.squared.iter().enumerate().filter(|(i, _)| chosen(*i)) {
+            errors += u64::from(e);
+            pixels += 1;
+        }
+        let (inner, half) = (self.width - WINDOW + 1, WINDOW / 2);
+        let centre = |i: usize| (i / inner + half) * self.width + i % inner + half;
+        let (mut likeness, mut windows) = (0.0, 0u64);
+        for (_, s) in self.ssim.iter().enumerate().filter(|(i, _)| chosen(centre(*i))) {
+            likeness += s;
+            windows += 1;
+        }
+        if windows == 0 {
+            return Err(Error::EmptyRegion);
+        }
+        let mse = errors as f64 / (3 * pixels) as f64;
+        Ok(Metrics { mse, psnr_db: psnr_db(mse), ssim: likeness / (3 * windows) as f64 })
     }
-    let ssim = channels.iter().map(|(sum, _)| sum).sum::<f64>() / (3 * windows) as f64;
-    Ok(Metrics { mse, psnr_db: psnr_db(mse), ssim })
 }
 
 fn channel(view: View<'_>, c: usize) -> Vec<f64> {

@@ -5,7 +5,8 @@
 use super::classify::{classify, state_of};
 use super::deframe::{Deframer, Unit};
 use super::encode::encode;
-use super::spec::{Spec, Vector};
+use super::engine::{Engine, Event, Failure};
+use super::spec::{Dialogue, Spec, Vector};
 use super::value::hex;
 use crate::clock::Timestamp;
 use std::sync::Arc;
@@ -22,6 +23,18 @@ pub struct Mismatch {
     pub message: String,
 }
 
+/// One turn of a dialogue that went otherwise.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("dialogue \"{name}\", turn {turn}: {message}")]
+pub struct Misunderstanding {
+    /// Name of the dialogue.
+    pub name: String,
+    /// Which turn, from 1.
+    pub turn: usize,
+    /// What differs.
+    pub message: String,
+}
+
 /// How a file fared.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Conformance {
@@ -29,8 +42,63 @@ pub struct Conformance {
     pub vectors: usize,
     /// Those that do not hold.
     pub mismatches: Vec<Mismatch>,
+    /// Dialogues that were held.
+    pub dialogues: usize,
+    /// Where they went otherwise than written.
+    pub misunderstandings: Vec<Misunderstanding>,
     /// Commands and classes that no vector shows.
     pub untested: Vec<String>,
+}
+
+/// Runs every vector and every dialogue of a file.
+pub fn check(spec: &Arc<Spec>) -> Conformance {
+    let mut report = check_vectors(spec);
+    report.dialogues = spec.dialogue.len();
+    for dialogue in &spec.dialogue {
+        if let Err((turn, message)) = hold(spec, dialogue) {
+            report.misunderstandings.push(Misunderstanding { name: dialogue.name.clone(), turn, message });
+        }
+    }
+    report
+}
+
+/// Holds a dialogue with the engine; a hundred milliseconds pass between turns.
+fn hold(spec: &Arc<Spec>, dialogue: &Dialogue) -> Result<(), (usize, String)> {
+    let mut engine = Engine::new(spec.clone(), Vec::new(), 1.0).map_err(|e| (0, e.to_string()))?;
+    let mut now = Timestamp(0);
+    let mut last = None;
+    let mut events = Vec::new();
+    for (i, turn) in dialogue.turns.iter().enumerate() {
+        let wrong = |message: String| (i + 1, message);
+        now = now.after(std::time::Duration::from_millis(100));
+        if let Some(cmd) = &turn.cmd {
+            last = Some(engine.stream(cmd, turn.args.clone()));
+        }
+        if let Some(rx) = &turn.rx {
+            engine.receive(&rx.0, now);
+        }
+        let output = engine.poll(now);
+        let sent: Vec<u8> = output.urgent.into_iter().chain(output.bytes).collect();
+        let want = turn.tx.as_ref().map(|b| b.0.as_slice()).unwrap_or_default();
+        if sent != want {
+            return Err(wrong(format!("sent {}, the file says {}", show(&sent), show(want))));
+        }
+        events.extend(output.events);
+        let outcome = events.iter().find_map(|e| match e {
+            Event::Finished(ticket, outcome) if Some(*ticket) == last => Some(outcome),
+            _ => None,
+        });
+        let is = match outcome {
+            None => "pending",
+            Some(Ok(_)) => "done",
+            Some(Err(Failure::Refused { .. })) => "refused",
+            Some(Err(_)) => "failed",
+        };
+        if let Some(ends) = turn.ends.as_ref().filter(|e| *e != is) {
+            return Err(wrong(format!("the last command is {is}, the file says {ends}")));
+        }
+    }
+    Ok(())
 }
 
 /// Runs every vector of a file.
@@ -133,10 +201,21 @@ pub(crate) mod tests {
     #[test]
     fn every_vector_of_every_shipped_file_holds() {
         for name in all_shipped() {
-            let report = check_vectors(&shipped(&name));
+            let report = check(&shipped(&name));
             assert!(report.vectors > 0, "{name} has no vectors");
+            assert!(report.dialogues > 0, "{name} has no dialogue");
+            assert!(report.misunderstandings.is_empty(), "{name}: {:#?}", report.misunderstandings);
             assert!(report.mismatches.is_empty(), "{name}: {:#?}", report.mismatches);
         }
+    }
+
+    #[test]
+    fn a_wrong_dialogue_is_found() {
+        let mut spec = (*shipped("grbl")).clone();
+        spec.dialogue[0].turns[0].tx = Some(crate::protocol::Bytes(b"$Q\n".to_vec()));
+        let report = check(&Arc::new(spec));
+        assert_eq!(report.misunderstandings.len(), 1);
+        assert_eq!(report.misunderstandings[0].turn, 1);
     }
 
     #[test]

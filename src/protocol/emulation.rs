@@ -4,6 +4,7 @@
 //! settings, sizes of buffers, axes); what a family of firmwares has in common, such as how a reset
 //! is swallowed or a line is counted, is the *dialect*, one of a closed set that the emulator knows.
 
+use super::value::Pattern;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -65,6 +66,14 @@ pub enum Dialect {
     Marlin(MarlinEmulation),
     /// Zaber ASCII.
     ZaberAscii(ZaberEmulation),
+    /// Thorlabs APT.
+    ThorlabsApt(AptEmulation),
+    /// Dobot Magician.
+    Dobot(DobotEmulation),
+    /// Dynamixel 2.0 and Feetech STS.
+    ServoBus(ServoEmulation),
+    /// Any line protocol that rules can describe.
+    Rules(RulesEmulation),
 }
 
 /// A member of the GRBL family.
@@ -163,4 +172,155 @@ pub struct ZaberEmulation {
     pub settings: BTreeMap<String, String>,
     /// Settings of an axis, besides `pos`, `maxspeed`, `accel` and the limits.
     pub axis_settings: BTreeMap<String, String>,
+}
+
+/// A Thorlabs controller with one channel.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AptEmulation {
+    /// Its address on the bus.
+    pub address: u8,
+    /// Model, at most eight characters.
+    pub model: String,
+    /// Serial number.
+    pub serial: i32,
+    /// Firmware version: interim, minor, major, unused.
+    pub firmware: [u8; 4],
+    /// Notes of the hardware information.
+    pub notes: String,
+    /// Whether it sends stepper status (with an encoder count) instead of DC status (with velocity).
+    pub stepper: bool,
+    /// Velocity parameter for one unit per second.
+    pub velocity_per_unit: f64,
+    /// Acceleration parameter for one unit per second squared.
+    pub accel_per_unit: f64,
+}
+
+/// A Dobot Magician arm.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DobotEmulation {
+    /// Serial number.
+    pub serial: String,
+    /// Device name.
+    pub name: String,
+    /// Version: major, minor, revision.
+    pub version: [u8; 3],
+    /// Where homing ends: x, y, z (mm), r (degrees).
+    pub home_pose: [f64; 4],
+    /// Least and greatest distance of the tool from the base axis, mm.
+    pub reach_mm: [f64; 2],
+}
+
+/// Servos on one bus.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ServoEmulation {
+    /// Which frames they speak.
+    pub framing: ServoFraming,
+    /// Model number.
+    pub model: u16,
+    /// Firmware version, as a ping answers it.
+    pub firmware: u8,
+    /// Registers by name; `model`, `id`, `torque`, `goal`, `speed`, `position` and
+    /// `moving` mean something.
+    pub registers: BTreeMap<String, Register>,
+    /// What registers hold at power-up, where that is not 0.
+    #[serde(default)]
+    pub initial: BTreeMap<String, i64>,
+    /// Units per second of one count of the speed register.
+    pub speed_unit: f64,
+}
+
+/// Frames of servo buses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ServoFraming {
+    /// Dynamixel protocol 2.0.
+    Dynamixel2,
+    /// Feetech STS, the frames of Dynamixel protocol 1.0.
+    Feetech,
+}
+
+/// A register: little-endian bytes at an address.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Register {
+    /// Address of the first byte.
+    pub address: usize,
+    /// Number of bytes.
+    pub bytes: usize,
+}
+
+/// A device described by rules.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RulesEmulation {
+    /// What ends a reply.
+    pub eol: String,
+    /// What `{identity}` stands for in a reply.
+    pub identity: String,
+    /// Decimals of positions and feeds.
+    pub decimals: usize,
+    /// The fastest feed that can be set, per second.
+    pub max_feed: f64,
+    /// What `{state}` stands for in each state.
+    pub states: BTreeMap<RuleState, String>,
+    /// What `{error}` stands for when there is none.
+    pub no_error: String,
+    /// The error that an unknown line leaves.
+    pub unknown: String,
+    /// The error that a number out of range leaves.
+    pub out_of_range: String,
+    /// `[[emulator.dialect.rules.rule]]`, tried in this order.
+    pub rule: Vec<Rule>,
+}
+
+/// One rule.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rule {
+    /// Pattern of the line, without its end.
+    #[serde(rename = "match")]
+    pub matches: Pattern,
+    /// What is done, in order.
+    #[serde(rename = "do", default)]
+    pub does: Vec<RuleVerb>,
+    /// States in which it is refused, and the error that leaves.
+    #[serde(default)]
+    pub refuse: BTreeMap<RuleState, String>,
+    /// What is answered; nothing if absent.
+    pub reply: Option<String>,
+}
+
+/// States of an axis of a device made of rules.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RuleState {
+    /// Not homed.
+    Unreferenced,
+    /// Homing.
+    Homing,
+    /// Moving.
+    Moving,
+    /// At rest and homed.
+    Idle,
+}
+
+/// What a rule may do; a text names a group of its pattern.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RuleVerb {
+    /// Moves to the position in that group.
+    MoveTo(String),
+    /// Moves by the distance in that group.
+    MoveBy(String),
+    /// Homes.
+    Home,
+    /// Decelerates to rest.
+    Stop,
+    /// Forgets the reference.
+    Reset,
+    /// Sets the feed of moves.
+    SetFeed(String),
 }

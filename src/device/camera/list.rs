@@ -61,6 +61,37 @@ pub struct ControlListing {
     pub menu: Vec<(i64, String)>,
 }
 
+impl std::fmt::Display for CameraListing {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "  {}  {} ({}), source = \"{}\"", self.device, self.name, self.driver, self.source)?;
+        if let Some(problem) = &self.problem {
+            write!(f, "\n    {problem}")?;
+        }
+        for mode in &self.modes {
+            write!(f, "\n    {} {}x{}", mode.fourcc, mode.width, mode.height)?;
+            if let Some([width, height]) = mode.up_to {
+                write!(f, " to {width}x{height}")?;
+            }
+            let rates: Vec<String> = mode.frames_per_second.iter().map(|r| format!("{r:.0}")).collect();
+            if !rates.is_empty() {
+                write!(f, " at {} /s", rates.join(", "))?;
+            }
+            if !mode.decodable {
+                write!(f, " (cannot be decoded)")?;
+            }
+        }
+        for control in &self.controls {
+            let value = control.value.map_or_else(|| "?".to_owned(), |v| v.to_string());
+            write!(
+                f,
+                "\n    {} = {value} ({} to {}, default {})",
+                control.name, control.min, control.max, control.default
+            )?;
+        }
+        Ok(())
+    }
+}
+
 /// All cameras of this machine.
 pub fn list() -> Vec<CameraListing> {
     #[cfg(target_os = "linux")]

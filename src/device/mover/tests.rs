@@ -45,11 +45,11 @@ fn settings(protocol: &str, axes: &[(&str, AxisSettings)]) -> MoverSettings {
     }
 }
 
-fn grbl() -> MoverSettings {
+pub(super) fn grbl() -> MoverSettings {
     settings("grbl", &[("slide", axis("X", -50.0, -1.0)), ("spin", axis("Y", -50.0, -1.0))])
 }
 
-fn marlin() -> MoverSettings {
+pub(super) fn marlin() -> MoverSettings {
     settings("marlin", &[("x", axis("X", 0.0, 200.0)), ("z", axis("Z", 0.0, 200.0))])
 }
 
@@ -64,21 +64,24 @@ fn device(settings: &MoverSettings, clock: Clock, plan: FaultPlan) -> (SharedDev
     (Arc::new(Mutex::new(Faulty::new(emulator, plan, now))), world)
 }
 
-async fn connect(settings: MoverSettings, plan: FaultPlan) -> Result<Bench, MoverError> {
+/// An emulator with faults, and the attempt to connect to it.
+pub(super) async fn try_connect(
+    settings: MoverSettings,
+    plan: FaultPlan,
+) -> (SharedDevice, World, Clock, Result<Mover, MoverError>) {
     let clock = Clock::real_time();
     let (device, world) = device(&settings, clock, plan);
     let (near, far) = tokio::io::duplex(4096);
     let served = device.clone();
     tokio::spawn(async move { serve(far, &served, clock).await });
     let spec = shipped(&settings.protocol);
-    let options = LinkOptions {
-        log: std::env::var("PORT_LOG")
-            .ok()
-            .map(|p| crate::device::byte_log::ByteLog::create(p.as_ref()).unwrap()),
-        urgent: None,
-    };
-    let mover = Mover::connect_with(near, spec, settings, clock, options).await?;
-    Ok(Bench { mover, device, world, clock })
+    let mover = Mover::connect(near, spec, settings, clock).await;
+    (device, world, clock, mover)
+}
+
+async fn connect(settings: MoverSettings, plan: FaultPlan) -> Result<Bench, MoverError> {
+    let (device, world, clock, mover) = try_connect(settings, plan).await;
+    Ok(Bench { mover: mover?, device, world, clock })
 }
 
 async fn homed(settings: MoverSettings) -> Bench {
@@ -355,6 +358,42 @@ async fn a_port_that_says_nothing_is_an_error_that_says_so() {
             other => panic!("{other:?}"),
         }
     }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_grblhal_rotary_axis_homes_and_turns() {
+    let mut turn = axis("A", -300.0, 300.0);
+    turn.kind = AxisKind::Rotary;
+    let mut b = connect(settings("grblhal", &[("spin", turn)]), FaultPlan::none()).await.unwrap();
+    assert!(b.mover.identity().unwrap().contains("GrblHAL"));
+    b.mover.home().await.unwrap();
+    let from = b.mover.position().await.unwrap()[0].position;
+    let target = if from > 0.0 { from - 45.0 } else { from + 45.0 };
+    let before = b.truth("spin");
+    b.mover.move_to(&[("spin", target)], 10.0).await.unwrap();
+    assert!((b.truth("spin") - before - (target - from)).abs() < 0.02);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_zaber_stage_homes_and_moves_to_where_it_says() {
+    let mut slide = axis("1/1", 0.0, 20.0);
+    slide.counts_per_unit = Some(2015.748);
+    let mut b = connect(settings("zaber_ascii", &[("slide", slide)]), FaultPlan::none()).await.unwrap();
+    b.mover.home().await.unwrap();
+    assert_eq!(b.mover.reference(), Reference::Referenced);
+    let (at, before) = (b.mover.position().await.unwrap()[0].position, b.truth("slide"));
+    let reached = b.mover.move_to(&[("slide", at + 5.0)], 5.0).await.unwrap();
+    assert!(reached.measured[0].counts.is_some());
+    assert!((b.truth("slide") - before - 5.0).abs() < 0.02);
+    let handle = b.mover.stop_handle();
+    let clock = b.clock;
+    tokio::spawn(async move {
+        clock.sleep(Duration::from_millis(500)).await;
+        handle.stop(StopKind::Controlled);
+    });
+    let result = b.mover.move_to(&[("slide", 18.0)], 2.0).await;
+    assert!(result.as_ref().is_err_and(MoverError::is_stop), "{result:?}");
+    b.mover.move_to(&[("slide", 1.0)], 5.0).await.unwrap();
 }
 
 #[test]

@@ -85,7 +85,7 @@ impl Mover {
             let limits = self.settings.axes[name].limits();
             if targets.len() == 1 {
                 limits.check_feed(name, feed)?;
-            } else if share > 0.0 || !(feed > 0.0) {
+            } else if share > 0.0 || feed.is_nan() || feed <= 0.0 {
                 limits.check_feed(name, feed * share.max(f64::MIN_POSITIVE))?;
             }
         }
@@ -205,7 +205,8 @@ impl Mover {
                 _ => None,
             };
             for position in [Some(found.position), counted].into_iter().flatten() {
-                if !((position - target).abs() <= allowed) {
+                let missed_by = (position - target).abs();
+                if missed_by.is_nan() || missed_by > allowed {
                     return Err(MoverError::NotReached {
                         axis: found.axis.clone(),
                         target: *target,

@@ -366,3 +366,114 @@ fn acts_alone(what: &FaultKind) -> bool {
             | FaultKind::Mute(_)
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::firmware::EmulatorOptions;
+    use super::super::world::World;
+    use super::*;
+    use std::collections::BTreeMap;
+
+    const T0: Timestamp = Timestamp(0);
+
+    fn faulty(plan: FaultPlan) -> Faulty {
+        let text = include_str!("../../../firmware_protocols/grbl.toml");
+        let spec = crate::protocol::Spec::parse("grbl", text).unwrap().emulator.unwrap();
+        let options = EmulatorOptions::default();
+        let emulator = Emulator::new(&spec, "stage", &BTreeMap::new(), &options, World::without_pad(), T0);
+        Faulty::new(emulator.unwrap(), plan, T0)
+    }
+
+    fn at(ms: u64) -> Timestamp {
+        T0.after(Duration::from_millis(ms))
+    }
+
+    /// A short dialogue: banner, a refusal, a move, three looks at it. Reads as (ms, bytes).
+    fn dialogue(device: &mut Faulty) -> Vec<(u64, Vec<u8>)> {
+        let script: [(u64, &[u8]); 6] = [
+            (100, b"G99\n"),
+            (200, b"G1 X-2 F300\n"),
+            (300, b"?"),
+            (500, b"?"),
+            (1500, b"?"),
+            (1600, b"$I\n"),
+        ];
+        let mut reads = Vec::new();
+        let mut ms = 0;
+        // From one event to the next, in whole milliseconds.
+        while ms < 5000 {
+            reads.extend(device.poll(at(ms)).into_iter().map(|r| (ms, r)));
+            for (_, bytes) in script.iter().filter(|(when, _)| *when == ms) {
+                device.receive(bytes, at(ms));
+            }
+            let wake = device.next_deadline().map_or(5000, |t| t.since(T0).as_millis() as u64 + 1);
+            let next = script.iter().map(|(when, _)| *when).find(|when| *when > ms).unwrap_or(5000);
+            ms = wake.max(ms + 1).min(next);
+        }
+        reads
+    }
+
+    fn bytes(reads: &[(u64, Vec<u8>)]) -> Vec<u8> {
+        reads.iter().flat_map(|(_, r)| r.clone()).collect()
+    }
+
+    #[test]
+    fn each_kind_does_what_it_says_at_every_byte() {
+        let mut sound = faulty(FaultPlan::none());
+        let reference = dialogue(&mut sound);
+        let whole = bytes(&reference);
+        assert_eq!(whole.len() as u64, sound.reply_bytes());
+        let mut tried = 0;
+        for byte in 0..whole.len() {
+            for kind in FaultKind::all() {
+                let mut device = faulty(FaultPlan::one(Trigger::ReplyByte(byte as u64), kind.clone()));
+                let reads = dialogue(&mut device);
+                let came = bytes(&reads);
+                assert_eq!(device.struck().len(), 1, "{kind:?} at {byte}");
+                let length = came.len() as i64 - whole.len() as i64;
+                match kind {
+                    FaultKind::Lose => assert!(length < 0),
+                    FaultKind::Double => assert!(length > 0),
+                    FaultKind::Noise(noise) => assert_eq!(length, noise.len() as i64),
+                    FaultKind::Garble { mask } => {
+                        assert_eq!(came[byte], whole[byte] ^ mask);
+                        assert_eq!(came.iter().zip(&whole).filter(|(a, b)| a != b).count(), 1);
+                    }
+                    FaultKind::Split(_) => {
+                        assert_eq!(came, whole);
+                        assert!(reads.len() >= reference.len());
+                    }
+                    FaultKind::Merge => assert!(reads.len() < reference.len()),
+                    FaultKind::Late(by) => {
+                        assert_eq!(came, whole);
+                        let last = |r: &[(u64, Vec<u8>)]| r.last().map_or(0, |(ms, _)| *ms);
+                        assert!(last(&reads) + 1 >= last(&reference) + by.as_millis() as u64);
+                    }
+                    FaultKind::Unplug => assert!(device.is_unplugged() && came.len() <= byte),
+                    FaultKind::Mute(None) => assert!(came.len() <= byte),
+                    FaultKind::Alarm => assert!(came.windows(7).any(|w| w == b"ALARM:1")),
+                    _ => {}
+                }
+                tried += 1;
+            }
+        }
+        assert!(tried > 1000, "{tried}");
+    }
+
+    #[test]
+    fn the_same_seed_does_the_same() {
+        let run = |seed| {
+            let mut device = faulty(FaultPlan::seeded(seed, 3, 200));
+            (dialogue(&mut device), device.struck().to_vec())
+        };
+        assert_eq!(run(7), run(7));
+        assert!((0..8).any(|seed| run(seed) != run(7)));
+    }
+
+    #[test]
+    fn a_timed_reset_strikes_a_silent_device() {
+        let mut device = faulty(FaultPlan::one(Trigger::After(Duration::from_secs(3)), FaultKind::Reset));
+        let reads = bytes(&dialogue(&mut device));
+        assert_eq!(reads.windows(5).filter(|w| w == b"Grbl ").count(), 2);
+    }
+}

@@ -14,6 +14,10 @@
 //! firmware's own travel, feeds and counts. Positions after power-up are unknown to the firmware, as
 //! on a real machine: it counts from zero wherever the axes are.
 
+mod apt;
+mod dobot;
+#[cfg(test)]
+mod frames;
 mod grbl;
 mod marlin;
 mod motors;
@@ -23,6 +27,8 @@ mod pitfalls;
 mod planner;
 #[cfg(test)]
 mod replay;
+mod rules;
+mod servo_bus;
 mod zaber;
 
 use super::world::World;
@@ -124,6 +130,12 @@ impl Emulator {
             Dialect::Grbl(spec) => {
                 Box::new(grbl::Grbl::new(spec, options, motors, outbox, !axes.is_empty(), now)?)
             }
+            Dialect::ThorlabsApt(spec) => Box::new(apt::Apt::new(spec, options, motors, outbox, now)?),
+            Dialect::Dobot(spec) => Box::new(dobot::Dobot::new(spec, options, motors, outbox, now)?),
+            Dialect::ServoBus(spec) => {
+                Box::new(servo_bus::ServoBus::new(spec, options, motors, outbox, now)?)
+            }
+            Dialect::Rules(spec) => Box::new(rules::Rules::new(spec, options, motors, outbox, now)?),
             Dialect::ZaberAscii(spec) => Box::new(zaber::Zaber::new(spec, options, motors, outbox, now)?),
             Dialect::Marlin(spec) => Box::new(marlin::Marlin::new(spec, options, motors, outbox, now)?),
         };

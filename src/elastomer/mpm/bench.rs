@@ -143,7 +143,7 @@ fn measure(
     let seconds = begun.elapsed().as_secs_f64();
     let count = solver.body().len() as f64;
     let (of_particles, of_grid) = solver.body().memory_bytes();
-    let nodes = solver.body().grid.places.len() * super::grid::BLOCK.pow(3);
+    let nodes = solver.body().grid.places.len() * super::grid::BLOCK_NODES;
     Ok(Throughput {
         particles: count as u64,
         indenter_points: solver.cloud.len as u64,
@@ -170,8 +170,8 @@ mod tests {
         assert_eq!((t.particles, t.threads, t.steps), (41 * 41 * 9, 2, 3));
         assert!(t.particle_steps_per_s > 0.0 && t.best_particle_steps_per_s >= t.particle_steps_per_s);
         // What the module docs state, with room for blocks that are not full on so small a pad.
-        assert!(t.bytes_per_particle >= 108.0 && t.bytes_per_particle < 250.0);
-        assert!(t.bytes_per_node > 60.0 && t.bytes_per_node < 80.0);
+        assert!(t.bytes_per_particle >= 56.0 && t.bytes_per_particle < 150.0);
+        assert!(t.bytes_per_node > 16.0 && t.bytes_per_node < 80.0);
         assert!(throughput([41, 41, 9], 0, 3).is_err());
     }
 }

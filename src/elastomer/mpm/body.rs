@@ -3,17 +3,20 @@
 //! Every phase is a parallel loop over blocks that writes only what belongs to the block, and every sum
 //! over blocks is taken in the order of the blocks, so a run does not depend on the number of threads.
 
-use super::cloud::{Cloud, ScatterCloud, spline};
-use super::grid::{BLOCK, Grid, Nodes, Tile, home};
+use super::cloud::{Cloud, ScatterCloud};
+use super::grid::{BLOCK, Grid, Nodes, TILE, TILE_LAYER, Tile, home, tile_position};
 use super::lanes::Isa;
-use super::particles::{Bin, Particle};
+use super::particles::{Bin, Moving, Particle};
 use super::scheme::Scheme;
-use super::transfer::{Exchange, Gather, Gathered, Scatter, Update};
+use super::spline::weights_of;
+use super::transfer::{Arrive, Elastic, Pass, Report};
+use super::update::{Exchange, Update};
 use crate::elastomer::settings::Base;
 use crate::pose::Pose;
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 
-/// Space around the pad into which its material may move, mm, as a part of its thickness.
+/// Space around the pad into which its material may move, as a part of its thickness.
 const MARGIN_PER_THICKNESS: f64 = 1.0;
 /// Layers of particles that the bonded base pins (the predecessor's number).
 const BONDED_LAYERS: usize = 3;
@@ -24,10 +27,14 @@ pub struct Fault {
     /// Index in the undeformed lattice.
     pub particle: usize,
     /// What was seen.
-    pub what: String,
+    pub what: &'static str,
 }
 
-/// The pad.
+const RUNAWAY: &str = "a particle moved a cell or more in one step, or its velocity is not a number";
+const CRUSHED: &str = "the volume of a particle is no longer positive (det F <= 0 or not a number)";
+const ESCAPED: &str = "a particle left the space around the pad";
+
+/// The pad. Between passes its velocity lives in the tiles.
 #[derive(Debug, Clone)]
 pub struct Body {
     /// Its numbers.
@@ -40,11 +47,14 @@ pub struct Body {
     pub grid: Grid,
     /// Particles of each active block.
     pub bins: Vec<Bin>,
-    tiles: Vec<Tile>,
+    /// Mass and momentum that each block's particles put on the grid; none where there are no particles.
+    tiles: Vec<Option<Box<Tile>>>,
     nodes: Vec<Nodes>,
     cloud_tiles: Vec<Option<Box<Tile>>>,
-    /// Momentum that the base gave in the last gather, solver's units.
+    /// Momentum that the base gave in the last pass, solver's units.
     pub base_impulse: [f64; 3],
+    /// Sum of the particles' squared velocities in the last pass, cells per step.
+    pub speed_squared: f64,
 }
 
 impl Body {
@@ -55,62 +65,83 @@ impl Body {
             Base::BondedLayers => BONDED_LAYERS,
             Base::LowerHalfVz => nz / 2,
         };
-        let particles = (0..nz).flat_map(|k| (0..ny).flat_map(move |j| (0..nx).map(move |i| (i, j, k))));
-        let placed = particles
-            .enumerate()
-            .map(|(id, (i, j, k))| (scheme.rest_position_mm(i, j, k), id as u32, k < held_layers));
-        Self::with_particles(scheme.clone(), base, isa, placed)
+        let mut body = Self::empty(scheme, base, isa);
+        // Columns of z: neighbours in a batch then share rows of the grid exactly or not at all. Along x
+        // their rows would overlap in part, and a load that overlaps a recent store in part has to wait for it.
+        let lattice = (0..nx).flat_map(|i| (0..ny).flat_map(move |j| (0..nz).map(move |k| (i, j, k))));
+        let particles: Vec<Moving> = lattice
+            .map(|(i, j, k)| {
+                let id = ((k * ny + j) * nx + i) as u32;
+                body.at_rest(body.scheme.rest_position_mm(i, j, k), id, k < held_layers)
+            })
+            .collect();
+        body.fill(&particles);
+        body
     }
 
-    /// Any cloud of undeformed particles at rest: position in mm, index, and whether the base holds it.
-    pub fn with_particles(
-        scheme: Scheme,
-        base: Base,
-        isa: Isa,
-        particles: impl Iterator<Item = ([f64; 3], u32, bool)>,
-    ) -> Self {
-        let margin = MARGIN_PER_THICKNESS * scheme.size_mm[2] + 2.0 * BLOCK as f64 * scheme.dx_mm;
+    /// Space for a body without particles.
+    pub fn empty(scheme: Scheme, base: Base, isa: Isa) -> Self {
+        let widest = BLOCK.iter().copied().max().unwrap_or(1) as f64;
+        let margin = MARGIN_PER_THICKNESS * scheme.size_mm[2] + 2.0 * widest * scheme.dx_mm;
         let [x, y, z] = scheme.size_mm;
         let lower = [-x / 2.0 - margin, -y / 2.0 - margin, -z - margin];
         let upper = [x / 2.0 + margin, y / 2.0 + margin, margin];
-        let grid = Grid::new(scheme.dx_mm, lower, upper);
-        let mut body = Self {
+        Self {
+            grid: Grid::new(scheme.dx_mm, lower, upper),
             scheme,
             base,
             isa,
-            grid,
             bins: Vec::new(),
             tiles: Vec::new(),
             nodes: Vec::new(),
             cloud_tiles: Vec::new(),
             base_impulse: [0.0; 3],
-        };
-        let all: Vec<Particle> = particles
-            .map(|(x_mm, id, held)| {
-                let (cell, offset) = body.grid.locate(x_mm);
-                Particle { offset, velocity: [0.0; 3], affine: [0.0; 9], strain: [0.0; 9], id, held, cell }
-            })
-            .collect();
-        let mut blocks: Vec<[i32; 3]> = all.iter().map(|p| home(p.cell).0).collect();
-        blocks.sort_unstable();
-        blocks.dedup();
-        body.grid.activate(blocks.into_iter());
-        body.bins = vec![Bin::default(); body.grid.places.len()];
-        body.allocate();
-        for p in all {
-            let (block, node) = home(p.cell);
-            let slot = body.grid.slot(block).expect("the block of every particle was activated");
-            body.bins[slot].push(&p, node);
+            speed_squared: 0.0,
         }
-        body
     }
 
-    fn allocate(&mut self) {
+    /// An undeformed particle at rest.
+    pub fn at_rest(&self, x_mm: [f64; 3], id: u32, held: bool) -> Moving {
+        let (cell, offset) = self.grid.locate(x_mm);
+        let particle = Particle { offset, strain: [0.0; 9], id, held, cell };
+        Moving { particle, velocity: [0.0; 3], affine: [0.0; 9] }
+    }
+
+    /// Puts the first particles into an empty body.
+    pub fn fill(&mut self, particles: &[Moving]) {
+        let mut blocks: Vec<[i32; 3]> = particles.iter().map(|m| home(m.particle.cell).0).collect();
+        blocks.sort_unstable();
+        blocks.dedup();
+        self.activate(blocks.into_iter().map(|block| (block, Bin::default(), None)).collect());
+        let mut arrivals: BTreeMap<usize, Vec<(Moving, u16)>> = BTreeMap::new();
+        for m in particles {
+            let (block, node) = home(m.particle.cell);
+            let slot = self.grid.slot(block).expect("the block of every particle was activated");
+            self.bins[slot].push(&m.particle, node);
+            arrivals.entry(slot).or_default().push((*m, node));
+        }
+        // An undeformed particle always has a volume.
+        let _ = self.arrive(&arrivals);
+    }
+
+    /// Makes these blocks the occupied ones.
+    fn activate(&mut self, full: Vec<([i32; 3], Bin, Option<Box<Tile>>)>) {
+        self.grid.activate(full.iter().map(|(block, ..)| *block));
         let n = self.grid.places.len();
-        self.tiles.resize_with(n, Tile::zero);
+        self.bins = vec![Bin::default(); n];
+        self.tiles = vec![None; n];
+        for (block, bin, tile) in full {
+            let slot = self.grid.slot(block).expect("just activated");
+            self.bins[slot] = bin;
+            self.tiles[slot] = tile;
+        }
         self.nodes.resize_with(n, Nodes::zero);
         self.cloud_tiles.clear();
         self.cloud_tiles.resize_with(n, || None);
+    }
+
+    fn elastic(&self) -> Elastic {
+        Elastic { law: self.scheme.law, moduli: self.scheme.scaled_moduli() }
     }
 
     /// How many particles.
@@ -118,13 +149,19 @@ impl Body {
         self.bins.iter().map(Bin::len).sum()
     }
 
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.bins.iter().all(Bin::is_empty)
+    }
+
     /// Bytes in use for particles, and for tiles and nodes.
     pub fn memory_bytes(&self) -> (usize, usize) {
         let batches: usize = self.bins.iter().map(|b| b.batches.capacity()).sum();
-        let places = self.grid.places.len();
+        let tiles = self.tiles.iter().chain(&self.cloud_tiles).flatten().count();
+        let per_place = size_of::<Nodes>() + size_of::<super::grid::Place>() + size_of::<Bin>();
         (
             batches * size_of::<super::particles::Batch>(),
-            places * (size_of::<Tile>() + size_of::<Nodes>() + size_of::<super::grid::Place>()),
+            self.grid.places.len() * per_place + tiles * size_of::<Tile>(),
         )
     }
 
@@ -144,28 +181,9 @@ impl Body {
         });
     }
 
-    /// Takes the indenter's momentum off the grid.
-    pub fn clear_cloud(&mut self) {
-        self.cloud_tiles.fill(None);
-    }
-
-    /// Particles to grid, and grid momentum to velocity. Returns what the indenter gave.
-    pub fn to_grid(&mut self) -> Result<Exchange, Fault> {
-        let (isa, law, moduli) = (self.isa, self.scheme.law, self.scheme.scaled_moduli());
-        let crushed: Vec<Option<u32>> = self
-            .bins
-            .par_iter()
-            .zip(&mut self.tiles)
-            .map(
-                |(bin, tile)| if bin.is_empty() { None } else { isa.run(Scatter { bin, tile, law, moduli }) },
-            )
-            .collect();
-        if let Some(particle) = crushed.into_iter().flatten().min() {
-            let what =
-                "the volume of a particle is no longer positive (det F <= 0 or not a number)".to_owned();
-            return Err(Fault { particle: particle as usize, what });
-        }
-        let (grid, tiles, bins, indenter) = (&self.grid, &self.tiles, &self.bins, &self.cloud_tiles);
+    /// Grid momentum to velocity. Returns what the indenter gave.
+    pub fn update_grid(&mut self) -> Exchange {
+        let (grid, tiles, indenter, isa) = (&self.grid, &self.tiles, &self.cloud_tiles, self.isa);
         let parts: Vec<Exchange> = self
             .nodes
             .par_iter_mut()
@@ -174,99 +192,127 @@ impl Body {
                 let origin = place.origin();
                 let first_node =
                     std::array::from_fn(|d| grid.lower_mm[d] / grid.dx_mm + f64::from(origin[d]));
-                isa.run(Update { place, tiles, bins, indenter, first_node, nodes })
+                isa.run(Update { place, tiles, indenter, first_node, nodes })
             })
             .collect();
         let mut sum = Exchange::default();
         for part in parts {
-            sum.touched |= part.touched;
             sum.torque += part.torque;
             for d in 0..3 {
                 sum.impulse[d] += part.impulse[d];
             }
         }
-        Ok(sum)
+        sum
     }
 
-    /// Grid to particles; with `advance` the particles move on and find their new cells.
-    pub fn to_particles(&mut self, advance: bool) -> Result<(), Fault> {
-        let (isa, base, nodes) = (self.isa, self.base, &self.nodes);
-        let reports: Vec<Gathered> = self
+    /// Grid to particles and back; with `advance` the particles move on and find their new cells.
+    pub fn pass(&mut self, advance: bool) -> Result<(), Fault> {
+        let (isa, base, elastic, nodes) = (self.isa, self.base, self.elastic(), &self.nodes);
+        let reports: Vec<Report> = self
             .bins
             .par_iter_mut()
+            .zip(&mut self.tiles)
             .zip(&self.grid.places)
-            .map(|(bin, place)| {
-                if bin.is_empty() {
-                    Gathered::default()
-                } else {
-                    isa.run(Gather { place, nodes, bin, base, advance })
-                }
+            .map(|((bin, tile), place)| match tile {
+                Some(tile) => isa.run(Pass { place, nodes, bin, tile, elastic, base, advance }),
+                None => Report::default(),
             })
             .collect();
-        if let Some(particle) = reports.iter().filter_map(|r| r.runaway).min() {
-            let what =
-                "a particle moved a cell or more in one step, or its velocity is not a number".to_owned();
-            return Err(Fault { particle: particle as usize, what });
+        let first = |which: fn(&Report) -> Option<u32>| reports.iter().filter_map(which).min();
+        for (particle, what) in [(first(|r| r.runaway), RUNAWAY), (first(|r| r.crushed), CRUSHED)] {
+            if let Some(particle) = particle {
+                return Err(Fault { particle: particle as usize, what });
+            }
         }
         self.base_impulse = [0.0; 3];
+        self.speed_squared = 0.0;
         for r in &reports {
+            self.speed_squared += r.speed_squared;
             for d in 0..3 {
                 self.base_impulse[d] += r.base_impulse[d];
             }
         }
-        self.move_in(reports)
+        self.move_in(&reports)
     }
 
     /// Gives the particles that left a block to the block they came to.
-    fn move_in(&mut self, reports: Vec<Gathered>) -> Result<(), Fault> {
+    fn move_in(&mut self, reports: &[Report]) -> Result<(), Fault> {
         let mut changed = false;
-        for (slot, report) in reports.iter().enumerate() {
-            changed |= !report.leavers.is_empty() && self.bins[slot].is_empty();
-            for p in &report.leavers {
+        let mut arrivals: BTreeMap<usize, Vec<(Moving, u16)>> = BTreeMap::new();
+        for (from, report) in reports.iter().enumerate() {
+            for m in &report.leavers {
+                let p = &m.particle;
                 let (block, node) = home(p.cell);
                 if !self.grid.encloses(block) {
-                    let what = "a particle left the space around the pad".to_owned();
-                    return Err(Fault { particle: p.id as usize, what });
+                    return Err(Fault { particle: p.id as usize, what: ESCAPED });
                 }
-                let slot = self
+                let to = self
                     .grid
                     .slot(block)
                     .expect("a particle moves less than a block, and neighbours are active");
-                changed |= self.bins[slot].is_empty();
-                self.bins[slot].push(p, node);
+                self.bins[to].push(p, node);
+                arrivals.entry(to).or_default().push((*m, node));
+                changed |= self.tiles[to].is_none() || self.bins[from].is_empty();
             }
         }
+        if let Some(particle) = self.arrive(&arrivals) {
+            return Err(Fault { particle: particle as usize, what: CRUSHED });
+        }
         if changed {
-            let old = std::mem::take(&mut self.grid.places);
-            let full: Vec<([i32; 3], Bin)> = old
-                .into_iter()
-                .zip(std::mem::take(&mut self.bins))
-                .filter(|(_, bin)| !bin.is_empty())
-                .map(|(place, bin)| (place.block, bin))
-                .collect();
-            self.grid.activate(full.iter().map(|(block, _)| *block));
-            self.bins = vec![Bin::default(); self.grid.places.len()];
-            for (block, bin) in full {
-                let slot = self.grid.slot(block).expect("just activated");
-                self.bins[slot] = bin;
-            }
-            self.allocate();
+            let places = std::mem::take(&mut self.grid.places);
+            let (bins, tiles) = (std::mem::take(&mut self.bins), std::mem::take(&mut self.tiles));
+            let full = places.into_iter().zip(bins).zip(tiles).filter(|((_, bin), _)| !bin.is_empty());
+            let full = full.map(|((place, bin), tile)| (place.block, bin, tile)).collect();
+            self.activate(full);
         }
         Ok(())
     }
 
+    /// Puts newcomers on the tiles of their blocks. Returns the first whose volume is not positive.
+    fn arrive(&mut self, arrivals: &BTreeMap<usize, Vec<(Moving, u16)>>) -> Option<u32> {
+        let (isa, elastic) = (self.isa, self.elastic());
+        let mut crushed = None;
+        for (&slot, arrivals) in arrivals {
+            let tile = self.tiles[slot].get_or_insert_with(|| Box::new(Tile::zero()));
+            crushed = crushed.or(isa.run(Arrive { arrivals, tile, elastic }));
+        }
+        crushed
+    }
+
+    /// Total momentum and its moment about the pad frame's origin, solver's units.
+    pub fn momentum(&self) -> ([f64; 3], [f64; 3]) {
+        let (mut p, mut l) = ([0.0; 3], [0.0; 3]);
+        for (tile, place) in self.tiles.iter().zip(&self.grid.places) {
+            let Some(tile) = tile else { continue };
+            for node in 0..TILE_LAYER * TILE[2] {
+                let at = tile_position(node as u16);
+                let q: [f64; 3] = std::array::from_fn(|d| f64::from(tile.0[node / 4].0[node % 4 * 4 + d]));
+                let x: [f64; 3] = std::array::from_fn(|d| {
+                    self.grid.lower_mm[d] / self.grid.dx_mm + f64::from(place.origin()[d] + at[d])
+                });
+                for d in 0..3 {
+                    let (e, f) = ((d + 1) % 3, (d + 2) % 3);
+                    p[d] += q[d];
+                    l[d] += x[e] * q[f] - x[f] * q[e];
+                }
+            }
+        }
+        (p, l)
+    }
+
     /// Velocity of the grid at a place, cells per step: what a particle there is about to get.
     pub fn grid_velocity(&self, cell: [i32; 3], offset: [f32; 3]) -> [f64; 3] {
-        let w = offset.map(spline);
+        let w = offset.map(weights_of);
         let mut v = [0.0; 3];
         for n in 0..27usize {
-            let (i, j, k) = (n % 3, n / 3 % 3, n / 9);
-            let node = [cell[0] + i as i32, cell[1] + j as i32, cell[2] + k as i32];
-            let side = BLOCK as i32;
-            if let Some(slot) = self.grid.slot(node.map(|x| x.div_euclid(side))) {
-                let [x, y, z] = node.map(|x| x.rem_euclid(side) as usize);
-                let row = &self.nodes[slot].0[z * BLOCK + y].0;
-                let weight = f64::from(w[0][i] * w[1][j] * w[2][k]);
+            let at = [n % 3, n / 3 % 3, n / 9];
+            let node: [i32; 3] = std::array::from_fn(|d| cell[d] + at[d] as i32);
+            let block = std::array::from_fn(|d| node[d].div_euclid(BLOCK[d] as i32));
+            if let Some(slot) = self.grid.slot(block) {
+                let [x, y, z]: [usize; 3] =
+                    std::array::from_fn(|d| node[d].rem_euclid(BLOCK[d] as i32) as usize);
+                let row = &self.nodes[slot].0[z * BLOCK[1] + y].0;
+                let weight = f64::from(w[0][at[0]] * w[1][at[1]] * w[2][at[2]]);
                 for d in 0..3 {
                     v[d] += weight * f64::from(row[4 * x + d]);
                 }

@@ -9,8 +9,9 @@
 //! Points are kept in buckets of the indenter's own frame. Each block of the grid asks for the points in
 //! its cells, so a moving and turning cloud needs no sorting, and blocks away from the pad never ask.
 
-use super::grid::{BLOCK, TILE_LAYER, TILE_ROW, Tile};
+use super::grid::{BLOCK, TILE, TILE_LAYER, Tile};
 use super::lanes::{Kernel, Lanes, Row, WIDTH};
+use super::spline::weights_of;
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use glam::DVec3;
@@ -34,6 +35,8 @@ pub struct Cloud {
     /// Side of a bucket, mm.
     side_mm: f64,
     buckets: BTreeMap<[i32; 3], Vec<Points>>,
+    /// Box around all points, indenter frame, mm.
+    bounds: [DVec3; 2],
     /// How many points.
     pub len: usize,
     /// The lowest point, the calibration particle x_o of Algorithm 1, indenter frame, mm.
@@ -75,13 +78,14 @@ impl Cloud {
                 }
             }
         }
-        // The tip plane holds the lowest point; of a flat face take the point nearest to the axis.
+        // A flat face has many lowest points. One on the axis stands still in a turn and could not measure
+        // it, one at the rim feels the edge: take one half way out.
         let floor = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
-        let lowest = *points
-            .iter()
-            .filter(|p| p.z <= floor + 1e-6)
-            .min_by(|p, q| p.truncate().length_squared().total_cmp(&q.truncate().length_squared()))?;
-        let side_mm = dx_mm * BLOCK as f64;
+        let face = || points.iter().filter(|p| p.z <= floor + 1e-6);
+        let half_way = face().map(|p| p.truncate().length()).fold(0.0, f64::max) / 2.0;
+        let off = |p: &DVec3| (p.truncate().length() - half_way).abs();
+        let lowest = *face().min_by(|p, q| off(p).total_cmp(&off(q)))?;
+        let side_mm = dx_mm * BLOCK[0] as f64;
         let mut sorted: BTreeMap<[i32; 3], Vec<DVec3>> = BTreeMap::new();
         for p in &points {
             sorted.entry((*p / side_mm).floor().as_ivec3().to_array()).or_default().push(*p);
@@ -95,17 +99,30 @@ impl Cloud {
         let buckets =
             sorted.into_iter().map(|(key, list)| (key, list.chunks(WIDTH).map(pack).collect())).collect();
         let radius_mm = points.iter().map(|p| p.truncate().length()).fold(0.0, f64::max);
-        Some(Self { side_mm, buckets, len: points.len(), lowest, radius_mm })
+        let bounds = points.iter().fold([lowest, lowest], |[lo, hi], p| [lo.min(*p), hi.max(*p)]);
+        Some(Self { side_mm, buckets, bounds, len: points.len(), lowest, radius_mm })
     }
 
-    /// The batches whose buckets can reach into the box of half side `half_mm` around a point of the pad frame.
-    fn near(&self, pose: &Pose, centre_mm: DVec3, half_mm: f64) -> impl Iterator<Item = &Points> {
+    /// Every point, indenter frame, mm.
+    pub fn points(&self) -> Vec<DVec3> {
+        let of = |b: &Points| -> Vec<DVec3> {
+            (0..b.len).map(|i| glam::Vec3::new(b.x.0[i], b.y.0[i], b.z.0[i]).as_dvec3()).collect()
+        };
+        self.buckets.values().flatten().flat_map(of).collect()
+    }
+
+    /// The batches whose buckets can reach into the box of half sides `half_mm` around a point of the pad frame.
+    fn near(&self, pose: &Pose, centre_mm: DVec3, half_mm: DVec3) -> impl Iterator<Item = &Points> {
         let middle = pose.to_indenter(centre_mm);
         let (s, c) = pose.theta_deg.to_radians().sin_cos();
-        let flat = half_mm * (s.abs() + c.abs());
-        let half = DVec3::new(flat, flat, half_mm);
-        let lo = ((middle - half) / self.side_mm).floor().as_ivec3();
-        let hi = ((middle + half) / self.side_mm).floor().as_ivec3();
+        let (s, c) = (s.abs(), c.abs());
+        let half = DVec3::new(c * half_mm.x + s * half_mm.y, s * half_mm.x + c * half_mm.y, half_mm.z);
+        // Only the part of the box where points are; far from the cloud that is empty.
+        let lo = ((middle - half).max(self.bounds[0]) / self.side_mm).floor().as_ivec3();
+        let hi = (middle + half).min(self.bounds[1]);
+        let far = hi.cmplt((middle - half).max(self.bounds[0])).any();
+        let hi = (hi / self.side_mm).floor().as_ivec3()
+            - if far { glam::IVec3::MAX / 2 } else { glam::IVec3::ZERO };
         (lo.z..=hi.z).flat_map(move |z| {
             (lo.y..=hi.y)
                 .flat_map(move |y| (lo.x..=hi.x).filter_map(move |x| self.buckets.get(&[x, y, z])).flatten())
@@ -149,11 +166,10 @@ impl Kernel for ScatterCloud<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        // The block's stencil corners are the points from 0.5 cells above its first node to 4.5 cells.
-        let half_mm = 0.5 * BLOCK as f64 * self.dx_mm;
-        let centre: DVec3 = DVec3::from_array(std::array::from_fn(|d| {
-            self.lower_mm[d] + (f64::from(self.origin[d]) + 0.5) * self.dx_mm + half_mm
-        }));
+        // The lower corners of stencils in the block belong to points half a cell further up.
+        let half = DVec3::from_array(BLOCK.map(|b| 0.5 * b as f64 * self.dx_mm));
+        let origin = DVec3::from_array(self.origin.map(|o| f64::from(o) + 0.5));
+        let centre = DVec3::from_array(self.lower_mm) + origin * self.dx_mm + half;
         // Position in cells and displacement per step are affine in the indenter's coordinates.
         let affine = |pose: &Pose| {
             let (s, c) = pose.theta_deg.to_radians().sin_cos();
@@ -168,7 +184,7 @@ impl Kernel for ScatterCloud<'_> {
         let (c1, s1, t1) = affine(self.to);
         let fill = |x: f64| L::fill(x as f32);
         let mut filled = false;
-        for points in self.cloud.near(self.from, centre, half_mm * 1.001) {
+        for points in self.cloud.near(self.from, centre, half * 1.001) {
             let (px, py, pz) = (L::load(&points.x), L::load(&points.y), L::load(&points.z));
             let x = [
                 px.mul_add(fill(c0), py.mul_add(fill(-s0), fill(t0[0]))),
@@ -182,7 +198,7 @@ impl Kernel for ScatterCloud<'_> {
             for d in 0..3 {
                 let base = (x[d] - L::fill(0.5)).floor();
                 let local = base - L::fill(self.origin[d] as f32);
-                inside &= L::fill(-0.5).less(local) & local.less(L::fill(BLOCK as f32 - 0.5));
+                inside &= L::fill(-0.5).less(local) & local.less(L::fill(BLOCK[d] as f32 - 0.5));
                 (x[d] - base).store(&mut offset[d]);
                 local.store(&mut corner[d]);
             }
@@ -207,17 +223,17 @@ impl Kernel for ScatterCloud<'_> {
                 let i = inside.trailing_zeros() as usize;
                 inside &= inside - 1;
                 let at = |d: usize| corner[d].0[i] as usize;
-                let weight = |d: usize| spline(offset[d].0[i]);
+                let weight = |d: usize| weights_of(offset[d].0[i]);
                 let (wx, wy, wz) = (weight(0), weight(1), weight(2));
                 let p = [velocity[0].0[i], velocity[1].0[i], velocity[2].0[i], 1.0];
                 let row =
                     L::load(&Row(std::array::from_fn(|l| if l < 12 { wx[l / 4] * p[l % 4] } else { 0.0 })));
-                let to = tile.at_mut((at(2) + 2) * TILE_LAYER + (at(1) + 2) * TILE_ROW + at(0));
+                let to = tile.at_mut((at(2) + 2) * TILE_LAYER + (at(1) + 2) * TILE[0] + at(0));
                 for k in 0..3 {
                     for j in 0..3 {
                         // SAFETY: `to` is the last row of the stencil; the others lie before it in the tile.
                         unsafe {
-                            let node = to.sub(((2 - k) * TILE_LAYER + (2 - j) * TILE_ROW) * 4);
+                            let node = to.sub(((2 - k) * TILE_LAYER + (2 - j) * TILE[0]) * 4);
                             row.mul_add(L::fill(wy[j] * wz[k]), L::read(node)).write(node);
                         }
                     }
@@ -228,11 +244,4 @@ impl Kernel for ScatterCloud<'_> {
             *self.tile = None;
         }
     }
-}
-
-/// Quadratic B-spline weights of the three nodes for an offset of 0.5 to 1.5 cells.
-#[inline(always)]
-pub fn spline(offset: f32) -> [f32; 3] {
-    let (lo, mid, hi) = (1.5 - offset, offset - 1.0, offset - 0.5);
-    [0.5 * lo * lo, 0.75 - mid * mid, 0.5 * hi * hi]
 }

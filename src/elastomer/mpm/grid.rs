@@ -1,6 +1,6 @@
 //! The sparse grid: which blocks of cells exist, and the memory of their nodes.
 //!
-//! Space is cut into blocks of 4 x 4 x 4 cells. A block is *active* when it or one of its 26 neighbours
+//! Space is cut into blocks of 4 x 4 x 4 cells ([`BLOCK`]). A block is *active* when it or one of its 26 neighbours
 //! holds particles; only active blocks have memory, and nothing else is ever cleared or visited.
 //!
 //! A particle touches the 3 x 3 x 3 nodes from the lower corner of its stencil, so the particles of a block
@@ -13,19 +13,21 @@
 
 use super::lanes::Row;
 
-/// Cells along the side of a block.
-pub const BLOCK: usize = 4;
-/// Nodes along the side of a tile.
-pub const TILE_SIDE: usize = BLOCK + 2;
-/// Nodes from one row of a tile to the next.
-pub const TILE_ROW: usize = TILE_SIDE;
-/// Nodes from one layer of a tile to the next.
-pub const TILE_LAYER: usize = TILE_ROW * TILE_SIDE;
+/// Cells along the sides of a block. Along x it must be 4: four nodes of four components fill a row.
+pub const BLOCK: [usize; 3] = [4, 8, 8];
+/// Nodes along the sides of a tile.
+pub const TILE: [usize; 3] = [BLOCK[0] + RIM, BLOCK[1] + RIM, BLOCK[2] + RIM];
+/// Nodes by which a tile is longer than its block.
+pub const RIM: usize = 2;
+/// Nodes from one layer of a tile to the next; from one row to the next it is `TILE[0]`.
+pub const TILE_LAYER: usize = TILE[0] * TILE[1];
+/// Nodes of a block.
+pub const BLOCK_NODES: usize = BLOCK[0] * BLOCK[1] * BLOCK[2];
 /// Marks a neighbour that is not active.
 pub const NONE: u32 = u32::MAX;
 
 /// Rows of sixteen floats in a tile; four nodes a row, with room for a read past the last node.
-const TILE_ROWS: usize = (TILE_LAYER * TILE_SIDE + 4) / 4;
+const TILE_ROWS: usize = (TILE_LAYER * TILE[2] + 4).div_ceil(4);
 
 /// Mass and momentum (or mass and velocity) on 6 x 6 x 6 nodes: x, y, z, mass.
 #[derive(Debug, Clone)]
@@ -55,15 +57,15 @@ impl Tile {
     }
 }
 
-/// Velocity and mass on the 64 nodes of a block; row `4 k + j` holds the four nodes along x.
+/// Velocity on the nodes of a block; row `k BLOCK[1] + j` holds the four nodes along x.
 #[derive(Debug, Clone)]
 #[repr(C, align(64))]
-pub struct Nodes(pub [Row; BLOCK * BLOCK]);
+pub struct Nodes(pub [Row; BLOCK[1] * BLOCK[2]]);
 
 impl Nodes {
     /// All zero.
     pub fn zero() -> Self {
-        Nodes([Row::ZERO; BLOCK * BLOCK])
+        Nodes([Row::ZERO; BLOCK[1] * BLOCK[2]])
     }
 }
 
@@ -81,7 +83,7 @@ pub struct Place {
 impl Place {
     /// First cell of the block.
     pub fn origin(&self) -> [i32; 3] {
-        self.block.map(|b| b * BLOCK as i32)
+        std::array::from_fn(|d| self.block[d] * BLOCK[d] as i32)
     }
 }
 
@@ -104,9 +106,10 @@ impl Grid {
     /// A grid without active blocks that covers the box from `lower_mm` to `upper_mm`; node (0, 0, 0) of the
     /// pad frame's origin falls on a node.
     pub fn new(dx_mm: f64, lower_mm: [f64; 3], upper_mm: [f64; 3]) -> Self {
-        let side = dx_mm * BLOCK as f64;
-        let lower = lower_mm.map(|x| (x / side).floor() * side);
-        let blocks = std::array::from_fn(|d| ((upper_mm[d] - lower[d]) / side).ceil() as usize + 1);
+        let side = BLOCK.map(|b| dx_mm * b as f64);
+        let lower: [f64; 3] = std::array::from_fn(|d| (lower_mm[d] / side[d]).floor() * side[d]);
+        let blocks: [usize; 3] =
+            std::array::from_fn(|d| ((upper_mm[d] - lower[d]) / side[d]).ceil() as usize + 1);
         let table = vec![NONE; blocks.iter().product()];
         Self { dx_mm, lower_mm: lower, blocks, table, places: Vec::new() }
     }
@@ -187,11 +190,24 @@ impl Grid {
 }
 
 /// Block and tile node of the lower corner of a stencil.
-pub fn home(cell: [i32; 3]) -> ([i32; 3], u32) {
-    let side = BLOCK as i32;
-    let block = cell.map(|c| c.div_euclid(side));
-    let [x, y, z] = cell.map(|c| c.rem_euclid(side) as usize);
-    (block, (z * TILE_LAYER + y * TILE_ROW + x) as u32)
+pub fn home(cell: [i32; 3]) -> ([i32; 3], u16) {
+    let side = |d: usize| BLOCK[d] as i32;
+    let block = std::array::from_fn(|d| cell[d].div_euclid(side(d)));
+    let [x, y, z]: [usize; 3] = std::array::from_fn(|d| cell[d].rem_euclid(side(d)) as usize);
+    (block, tile_node([x, y, z]))
+}
+
+/// Number of a node in its tile.
+#[inline(always)]
+pub fn tile_node([x, y, z]: [usize; 3]) -> u16 {
+    (z * TILE_LAYER + y * TILE[0] + x) as u16
+}
+
+/// Coordinates of a tile's node.
+#[inline(always)]
+pub fn tile_position(node: u16) -> [i32; 3] {
+    let node = i32::from(node);
+    [node % TILE[0] as i32, node / TILE[0] as i32 % TILE[1] as i32, node / TILE_LAYER as i32]
 }
 
 #[cfg(test)]

@@ -14,8 +14,10 @@ mod avx2;
 mod avx512;
 #[cfg(target_arch = "aarch64")]
 mod neon;
+mod pair;
 mod portable;
 
+pub use pair::Pair;
 use std::ops::{Add, Mul, Neg, Sub};
 
 /// How many lanes: a batch of particles, or four nodes of four components.
@@ -35,6 +37,8 @@ impl Row {
 pub trait Number:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {
+    /// Square of the last step at which an iteration of quadratic convergence is exact to rounding.
+    const SQUARED_STEP: f64;
     /// The same constant in every lane.
     fn splat(x: f64) -> Self;
     /// `self * b + c`, fused where the machine can.
@@ -73,6 +77,8 @@ pub trait Lanes: Number {
     fn repeat_group<const G: usize>(row: &Row) -> Self;
     /// `[sum of a's groups | sum of b's | of c's | of d's]`: each argument's four groups of four are added.
     fn sum_groups(a: Self, b: Self, c: Self, d: Self) -> Self;
+    /// The fourth float of each group, in all four places of the group.
+    fn fourth_of_group(self) -> Self;
     /// Transposes sixteen rows of sixteen.
     fn transpose(rows: &mut [Self; WIDTH]);
     /// Bit i is set where lane i of `self` is less than that of `b` (never for NaN).
@@ -81,6 +87,18 @@ pub trait Lanes: Number {
     fn keep(self, keep: u16) -> Self;
     /// Largest whole number not above each lane.
     fn floor(self) -> Self;
+    /// Asks for a cache line that will be read soon; any address is allowed.
+    #[inline(always)]
+    fn fetch_soon<T>(at: *const T) {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: a prefetch never faults, and SSE belongs to the baseline of x86_64.
+        unsafe {
+            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+            _mm_prefetch::<_MM_HINT_T0>(at.cast());
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = at;
+    }
 }
 
 /// Work that can be instantiated for any instruction set.
@@ -173,6 +191,7 @@ fn with_avx2<K: Kernel>(kernel: K) -> K::Output {
 }
 
 impl Number for f64 {
+    const SQUARED_STEP: f64 = 1e-16;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         x
@@ -234,6 +253,7 @@ mod tests {
                 a.floor(),
                 a.keep(0b1010_0110_0001_1101),
                 L::repeat_group::<2>(self.a),
+                a.fourth_of_group(),
                 L::fill(2.5),
                 sums,
             ];
@@ -260,10 +280,10 @@ mod tests {
         let work = || Everything { a: &a, b: &b, many: &many };
         let (truth, masks) = Isa::Portable.run(work());
         for i in 0..WIDTH {
-            assert_eq!(truth[13 + i].0, std::array::from_fn::<f32, WIDTH, _>(|k| many[k].0[i]));
+            assert_eq!(truth[14 + i].0, std::array::from_fn::<f32, WIDTH, _>(|k| many[k].0[i]));
         }
         let expected: f32 = (0..4).map(|g| many[1].0[g * 4 + 2]).sum();
-        assert!((truth[12].0[6] - expected).abs() < 1e-5);
+        assert!((truth[13].0[6] - expected).abs() < 1e-5);
         for isa in Isa::available() {
             let (rows, m) = isa.run(work());
             assert_eq!(m, masks, "{isa:?}");

@@ -5,9 +5,10 @@
 //! plus an offset of 0.5 to 1.5 cells from it: sixteen times finer than a coordinate of the whole pad in
 //! single precision, and the kernels need nothing else.
 //!
-//! A batch takes 1728 bytes for 16 particles, 108 bytes a particle.
+//! Velocity and C are not stored: they come from the grid and go back to it within one pass
+//! ([`super::transfer`]). A batch takes 896 bytes for 16 particles, 56 bytes a particle.
 
-use super::grid::{TILE_ROW, TILE_SIDE};
+use super::grid::tile_position;
 use super::lanes::{Row, WIDTH};
 
 /// Sixteen particles side by side.
@@ -16,31 +17,23 @@ use super::lanes::{Row, WIDTH};
 pub struct Batch {
     /// Offset from the lower corner of the stencil, cells, 0.5 to 1.5.
     pub offset: [Row; 3],
-    /// Velocity, cells per step.
-    pub velocity: [Row; 3],
-    /// Affine velocity C, row by row, per step.
-    pub affine: [Row; 9],
     /// H = F - I, row by row.
     pub strain: [Row; 9],
     /// Index in the undeformed lattice, x inner, z outer.
     pub id: [u32; WIDTH],
     /// Tile node at the lower corner of the stencil.
-    pub node: [u32; WIDTH],
+    pub node: [u16; WIDTH],
     /// Bit i: particle i is held by the base.
     pub held: u16,
     /// How many lanes are in use.
     pub len: u16,
 }
 
-/// One particle on its own, on the way from one block to another.
+/// One particle on its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Particle {
     /// As in [`Batch`].
     pub offset: [f32; 3],
-    /// As in [`Batch`].
-    pub velocity: [f32; 3],
-    /// As in [`Batch`].
-    pub affine: [f32; 9],
     /// As in [`Batch`].
     pub strain: [f32; 9],
     /// As in [`Batch`].
@@ -51,13 +44,22 @@ pub struct Particle {
     pub cell: [i32; 3],
 }
 
+/// A particle with its motion, about to be put on the grid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Moving {
+    /// The particle.
+    pub particle: Particle,
+    /// Velocity, cells per step.
+    pub velocity: [f32; 3],
+    /// Affine velocity C, row by row, per step.
+    pub affine: [f32; 9],
+}
+
 impl Batch {
     /// A batch without particles; unused lanes sit harmlessly in the middle of the first cell.
     pub fn empty() -> Self {
         Batch {
             offset: [Row([1.0; WIDTH]); 3],
-            velocity: [Row::ZERO; 3],
-            affine: [Row::ZERO; 9],
             strain: [Row::ZERO; 9],
             id: [0; WIDTH],
             node: [0; WIDTH],
@@ -66,40 +68,35 @@ impl Batch {
         }
     }
 
+    /// Which lanes are in use.
+    #[inline(always)]
+    pub fn used(&self) -> u16 {
+        u16::MAX >> (WIDTH - self.len as usize)
+    }
+
     /// Reads lane `i`; `origin` is the block's first cell.
     pub fn get(&self, i: usize, origin: [i32; 3]) -> Particle {
         let at = tile_position(self.node[i]);
         Particle {
             offset: std::array::from_fn(|d| self.offset[d].0[i]),
-            velocity: std::array::from_fn(|d| self.velocity[d].0[i]),
-            affine: std::array::from_fn(|d| self.affine[d].0[i]),
             strain: std::array::from_fn(|d| self.strain[d].0[i]),
             id: self.id[i],
             held: self.held >> i & 1 == 1,
-            cell: std::array::from_fn(|d| origin[d] + at[d] as i32),
+            cell: std::array::from_fn(|d| origin[d] + at[d]),
         }
     }
 
-    fn set(&mut self, i: usize, p: &Particle, node: u32) {
+    fn set(&mut self, i: usize, p: &Particle, node: u16) {
         for d in 0..3 {
             self.offset[d].0[i] = p.offset[d];
-            self.velocity[d].0[i] = p.velocity[d];
         }
         for d in 0..9 {
-            self.affine[d].0[i] = p.affine[d];
             self.strain[d].0[i] = p.strain[d];
         }
         self.id[i] = p.id;
         self.node[i] = node;
         self.held = self.held & !(1 << i) | u16::from(p.held) << i;
     }
-}
-
-/// Coordinates of a tile node within its tile.
-#[inline(always)]
-pub fn tile_position(node: u32) -> [u32; 3] {
-    let side = TILE_SIDE as u32;
-    [node % TILE_ROW as u32, node / TILE_ROW as u32 % side, node / TILE_ROW as u32 / side]
 }
 
 /// The particles of one block.
@@ -121,8 +118,10 @@ impl Bin {
     }
 
     /// Adds a particle that lies at `node` of this block's tile.
-    pub fn push(&mut self, p: &Particle, node: u32) {
+    pub fn push(&mut self, p: &Particle, node: u16) {
         if self.batches.last().is_none_or(|b| b.len as usize == WIDTH) {
+            // Room for one batch more, not for twice as many: blocks hardly grow.
+            self.batches.reserve_exact(1);
             self.batches.push(Batch::empty());
         }
         let batch = self.batches.last_mut().expect("a batch with a free lane was just made sure of");
@@ -142,7 +141,7 @@ impl Bin {
         }
         let batch = self.batches.last_mut().expect("the block holds at least the particle taken");
         batch.len -= 1;
-        // The freed lane must stay harmless: at rest, inside the tile.
+        // The freed lane must stay harmless: undeformed, inside the tile.
         let free = Batch::empty().get(0, origin);
         batch.set(last % WIDTH, &free, 0);
         if batch.len == 0 {
@@ -154,5 +153,35 @@ impl Bin {
     /// Every particle, in storage order.
     pub fn iter(&self, origin: [i32; 3]) -> impl Iterator<Item = Particle> + '_ {
         self.batches.iter().flat_map(move |b| (0..b.len as usize).map(move |i| b.get(i, origin)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bin_gives_back_what_it_got() {
+        let particle = |id: u32| Particle {
+            offset: [0.6, 1.0, 1.4],
+            strain: std::array::from_fn(|k| id as f32 + k as f32),
+            id,
+            held: id.is_multiple_of(3),
+            cell: [8, 9, 10],
+        };
+        let mut bin = Bin::default();
+        for id in 0..40 {
+            bin.push(&particle(id), super::super::grid::home([8, 9, 10]).1);
+        }
+        let origin = [8, 8, 8];
+        for (index, id) in [(5, 5), (38, 38), (5, 39), (0, 0)] {
+            assert_eq!(bin.swap_remove(index, origin), particle(id));
+        }
+        let mut left: Vec<Particle> = bin.iter(origin).collect();
+        left.sort_by_key(|p| p.id);
+        let expected: Vec<Particle> =
+            (0..40).filter(|id| ![0, 5, 38, 39].contains(id)).map(particle).collect();
+        assert_eq!(left, expected);
+        assert_eq!(bin.batches.len(), 3);
     }
 }

@@ -34,16 +34,13 @@ const NEWTON_LIMIT: usize = 12;
 /// B = F F^T - I and J - 1 for H = F - I, row by row (`h[3 * row + column]`).
 #[inline(always)]
 pub fn left_strain<T: Number>(h: &[T; 9]) -> (Symmetric<T>, T) {
-    let dot = |i: usize, j: usize| {
-        h[3 * i].mul_add(h[3 * j], h[3 * i + 1].mul_add(h[3 * j + 1], h[3 * i + 2] * h[3 * j + 2]))
-    };
     let b = [
-        h[0] + h[0] + dot(0, 0),
-        h[4] + h[4] + dot(1, 1),
-        h[8] + h[8] + dot(2, 2),
-        h[1] + h[3] + dot(0, 1),
-        h[5] + h[7] + dot(1, 2),
-        h[6] + h[2] + dot(2, 0),
+        h[0] + h[0] + dot(h, 0, 0),
+        h[4] + h[4] + dot(h, 1, 1),
+        h[8] + h[8] + dot(h, 2, 2),
+        h[1] + h[3] + dot(h, 0, 1),
+        h[5] + h[7] + dot(h, 1, 2),
+        h[6] + h[2] + dot(h, 2, 0),
     ];
     // det(I + H) - 1 = tr H + sum of principal minors + det H.
     let minor_x = h[4] * h[8] - h[5] * h[7];
@@ -55,70 +52,82 @@ pub fn left_strain<T: Number>(h: &[T; 9]) -> (Symmetric<T>, T) {
     (b, e3)
 }
 
+/// e2 from i1^2 = I_b + 2 i2.
+#[inline(always)]
+fn second_from_first<T: Number>(e1: T, trace: T) -> T {
+    T::splat(0.5) * ((T::splat(6.0) + e1).mul_add(e1, -trace))
+}
+
+/// Row `i` of H times row `j`.
+// Functions, not closures, wherever kernels call more than once: see [`super::spline::weights`].
+#[inline(always)]
+fn dot<T: Number>(h: &[T; 9], i: usize, j: usize) -> T {
+    h[3 * i].mul_add(h[3 * j], h[3 * i + 1].mul_add(h[3 * j + 1], h[3 * i + 2] * h[3 * j + 2]))
+}
+
 /// The departures e1 and e2 of the stretch's invariants from 3.
 #[inline(always)]
 fn stretch_invariants<T: Number>(b: &Symmetric<T>, e3: T) -> (T, T) {
-    let c = T::splat;
     let trace = b[0] + b[1] + b[2];
     let second = b[0].mul_add(b[1], b[1].mul_add(b[2], b[2] * b[0]))
         - b[3].mul_add(b[3], b[4].mul_add(b[4], b[5] * b[5]));
     // II_b + 2 J i1 = i2^2 and i1^2 = I_b + 2 i2, both less their values at rest.
-    let constant = trace + trace + second + c(6.0) * e3;
-    let slope = c(2.0) + (e3 + e3);
-    let start = c(9.0) + c(3.0) * trace;
-    let mut e1 = (c(3.0) * trace).over(start.larger(c(0.0)).root() + c(3.0));
-    let e2_of = |e1: T| c(0.5) * ((c(6.0) + e1).mul_add(e1, -trace));
+    let constant = trace + trace + second + T::splat(6.0) * e3;
+    let slope = T::splat(2.0) + (e3 + e3);
+    let start = T::splat(9.0) + T::splat(3.0) * trace;
+    let mut e1 = (T::splat(3.0) * trace).over(start.larger(T::splat(0.0)).root() + T::splat(3.0));
     for _ in 0..NEWTON_LIMIT {
-        let e2 = e2_of(e1);
-        let value = (c(6.0) + e2).mul_add(e2, -constant) - slope * e1;
-        let derivative = (c(6.0) + (e2 + e2)) * (c(3.0) + e1) - slope;
+        let e2 = second_from_first(e1, trace);
+        let value = (T::splat(6.0) + e2).mul_add(e2, -constant) - slope * e1;
+        let derivative = (T::splat(6.0) + (e2 + e2)) * (T::splat(3.0) + e1) - slope;
         let step = value.over(derivative);
         e1 = e1 - step;
-        // Quadratic convergence: a step this small leaves an error below the rounding of f32 (and of f64 to 1e-13).
-        if (step * step).all_below(c(1e-14)) {
+        if (step * step).all_below(T::splat(T::SQUARED_STEP)) {
             break;
         }
     }
-    (e1, e2_of(e1))
+    (e1, second_from_first(e1, trace))
 }
 
 /// ln(1 + e) for e > -1, exact for small e.
 #[inline(always)]
 fn log1p<T: Number>(e: T) -> T {
-    let c = T::splat;
     // One halving, ln(1 + e) = 2 ln sqrt(1 + e), then ln(1 + d) = 2 atanh(d / (2 + d)) by its series,
     // which is exact to 1e-8 for J from 0.1 to 10.
-    let d = e.over((c(1.0) + e).larger(c(0.0)).root() + c(1.0));
-    let s = d.over(c(2.0) + d);
+    let d = e.over((T::splat(1.0) + e).larger(T::splat(0.0)).root() + T::splat(1.0));
+    let s = d.over(T::splat(2.0) + d);
     let s2 = s * s;
-    let mut sum = c(1.0 / 23.0);
+    let mut sum = T::splat(1.0 / 23.0);
     for k in (0..11).rev() {
-        sum = sum.mul_add(s2, c(1.0 / (2.0 * f64::from(k) + 1.0)));
+        sum = sum.mul_add(s2, T::splat(1.0 / (2.0 * f64::from(k) + 1.0)));
     }
-    c(4.0) * s * sum
+    T::splat(4.0) * s * sum
 }
 
 /// Kirchhoff stress tau = J sigma = P F^T, and J, for H = F - I.
 #[inline(always)]
 pub fn kirchhoff<T: Number>(law: Law, h: &[T; 9], moduli: Moduli<T>) -> (Symmetric<T>, T) {
-    let c = T::splat;
     let (b, e3) = left_strain(h);
-    let j = c(1.0) + e3;
+    let j = T::splat(1.0) + e3;
     let tau = match law {
         Law::NeoHookean => {
             let p = moduli.lambda * log1p(e3);
-            let s = |x: T| moduli.mu * x;
-            [s(b[0]) + p, s(b[1]) + p, s(b[2]) + p, s(b[3]), s(b[4]), s(b[5])]
+            let mut tau = [p; 6];
+            for k in 0..3 {
+                tau[k] = moduli.mu.mul_add(b[k], p);
+                tau[3 + k] = moduli.mu * b[3 + k];
+            }
+            tau
         }
         Law::FixedCorotated => {
             let (e1, e2) = stretch_invariants(&b, e3);
             // U K = (4 + e1)(e1 - e2 + e3) I + (4 + 6 e1 + e1^2 - e2) B - B^2, K = i1 i2 - i3.
-            let k = c(8.0) + c(3.0) * (e1 + e2) + e1.mul_add(e2, -e3);
-            let per_k = c(1.0).over(k);
-            let u0 = (c(4.0) + e1) * (e1 - e2 + e3) * per_k;
-            let u1 = (c(4.0) + (c(6.0) + e1).mul_add(e1, -e2)) * per_k;
+            let k = T::splat(8.0) + T::splat(3.0) * (e1 + e2) + e1.mul_add(e2, -e3);
+            let per_k = T::splat(1.0).over(k);
+            let u0 = (T::splat(4.0) + e1) * (e1 - e2 + e3) * per_k;
+            let u1 = (T::splat(4.0) + (T::splat(6.0) + e1).mul_add(e1, -e2)) * per_k;
             let two_mu = moduli.mu + moduli.mu;
-            let (on_b, on_b2) = (two_mu * (c(1.0) - u1), two_mu * per_k);
+            let (on_b, on_b2) = (two_mu * (T::splat(1.0) - u1), two_mu * per_k);
             let p = moduli.lambda * j * e3 - two_mu * u0;
             let [xx, yy, zz, xy, yz, zx] = b;
             let square = [
@@ -129,8 +138,14 @@ pub fn kirchhoff<T: Number>(law: Law, h: &[T; 9], moduli: Moduli<T>) -> (Symmetr
                 xy.mul_add(zx, yy.mul_add(yz, yz * zz)),
                 zx.mul_add(xx, yz.mul_add(xy, zz * zx)),
             ];
-            let s = |i: usize| on_b.mul_add(b[i], on_b2 * square[i]);
-            [s(0) + p, s(1) + p, s(2) + p, s(3), s(4), s(5)]
+            let mut tau = [p; 6];
+            for k in 0..6 {
+                tau[k] = on_b.mul_add(b[k], on_b2 * square[k]);
+            }
+            for k in 0..3 {
+                tau[k] = tau[k] + p;
+            }
+            tau
         }
     };
     (tau, j)
@@ -162,6 +177,7 @@ mod tests {
     const B: Moduli<f64> = Moduli { mu: 0.15 / 2.8, lambda: 0.15 * 0.4 / (1.4 * 0.2) };
 
     /// material, law, stretch l, axial P and lateral Cauchy stress (MPa): `analytic/patch_tests.csv`.
+    #[allow(clippy::type_complexity)]
     const UNIAXIAL: &[(Moduli<f64>, Law, f64, f64, f64)] = &[
         (A, Law::FixedCorotated, 0.7, -0.165, -0.135),
         (A, Law::FixedCorotated, 0.95, -0.0275, -0.0225),
@@ -176,6 +192,7 @@ mod tests {
     ];
 
     /// material, law, shear g, s13, s11, s33 (MPa): the same file.
+    #[allow(clippy::type_complexity)]
     const SHEAR: &[(Moduli<f64>, Law, f64, f64, f64, f64)] = &[
         (A, Law::FixedCorotated, 0.05, 0.0025007809, 0.0001562744, 3.1235359e-05),
         (A, Law::FixedCorotated, 0.25, 0.012596527, 0.003921344, 0.00077221233),

@@ -1,475 +1,474 @@
-//! The three transfers of a pass, as kernels over one block: particles to grid, grid, grid to particles.
+//! A pass over one block: grid to particles, then the same particles back to the grid.
 //!
 //! MLS-MPM (Hu et al. 2018) with quadratic B-splines, equations (1) to (7) of the paper as corrected: the
 //! affine velocity is taken from the grid's velocities, and the particle's mass stands in the
 //! affine momentum. In the solver's units (cell, step, particle mass):
 //!
-//! - to grid: m_g += w, p_g += w (v + (C - tau) (x_g - x_p)), tau scaled by 4 dt^2 / (rho dx^2);
-//! - grid: v_g = p_g / m_g;
-//! - to particles: v = sum w v_g, C = 4 sum w v_g (x_g - x_p)^T, then x += v and F += C F.
+//! - to particles: v = sum w v_g, C = 4 sum w v_g (x_g - x_p)^T, then x += v and F += C F;
+//! - to grid: m_g += w, p_g += w (v + (C - tau) (x_g - x_p)), tau scaled by 4 dt^2 / (rho dx^2).
+//!
+//! Both directions are one kernel because everything between two grid states is then in
+//! registers: v and C are never stored, and a particle is read and written once a pass. What the paper calls a
+//! step begins with particle to grid; here that part has been done at the end of the pass before.
 //!
 //! One register holds four nodes along x of four components (x, y, z, mass), so the stencil is nine
 //! registers. Everything per particle that is not the stencil itself runs sixteen particles at a time; a
 //! 16 x 16 transpose leads from one layout to the other.
 
-use super::grid::{BLOCK, NONE, Nodes, Place, TILE_LAYER, TILE_ROW, TILE_SIDE, Tile};
-use super::lanes::{Kernel, Lanes, Row, WIDTH};
-use super::particles::{Bin, Particle, tile_position};
+use super::grid::{BLOCK, Nodes, Place, RIM, TILE, TILE_LAYER, Tile, tile_node, tile_position};
+use super::lanes::{Kernel, Lanes, Pair, Row, WIDTH};
+use super::particles::{Batch, Bin, Moving};
+use super::spline::{AlongX, weights};
 use super::stress::{Moduli, kirchhoff};
 use crate::elastomer::Law;
 use crate::elastomer::settings::Base;
 
-/// A node slower than this (cells per step) stands still, and a strain smaller than this is none. Ahead of
-/// a wave both fall off by decades from cell to cell; their products would be subnormal numbers, on which
-/// many processors are a hundred times slower. Even the cube of the least strain is a normal number.
-const STILL: f32 = 1e-15;
+/// A strain smaller than this is none. Ahead of a wave it falls off by decades from cell to cell; products
+/// would be subnormal numbers, on which many processors are a hundred times slower. Even the cube
+/// of this is a normal number.
 const UNSTRAINED: f32 = 1e-12;
 
-/// Lane patterns of the B-spline along x: node i = lane / 4, weight c (f - r)^2 + a, distance i - f.
-struct Spline<L> {
-    c: L,
-    r: L,
-    a: L,
-    i_less_r: L,
-}
+/// First node of the last row of a stencil, counted from its first.
+const LAST_ROW: usize = 2 * TILE_LAYER + 2 * TILE[0];
 
-/// Repeats one value per node over its four components.
-const fn per_node(v: [f32; 4]) -> Row {
-    let mut row = [0.0; WIDTH];
-    let mut i = 0;
-    while i < WIDTH {
-        row[i] = v[i / 4];
-        i += 1;
-    }
-    Row(row)
-}
-
-// The fourth node has no weight. Written as squares, no weight is ever negative.
-const SPLINE_C: Row = per_node([0.5, -1.0, 0.5, 0.0]);
-const SPLINE_R: Row = per_node([1.5, 1.0, 0.5, 0.0]);
-const SPLINE_A: Row = per_node([0.0, 0.75, 0.0, 0.0]);
-const SPLINE_I_LESS_R: Row = per_node([-1.5, 0.0, 1.5, 3.0]);
-
-impl<L: Lanes> Spline<L> {
-    #[inline(always)]
-    fn new() -> Self {
-        Self {
-            c: L::load(&SPLINE_C),
-            r: L::load(&SPLINE_R),
-            a: L::load(&SPLINE_A),
-            i_less_r: L::load(&SPLINE_I_LESS_R),
-        }
-    }
-
-    /// Weights and distances of the four nodes along x from an offset.
-    #[inline(always)]
-    fn at(&self, offset: f32) -> (L, L) {
-        let t = L::fill(offset) - self.r;
-        ((self.c * t).mul_add(t, self.a), self.i_less_r - t)
-    }
-}
-
-/// For sixteen particles: weights along y and z, and weights times distance.
-struct Weights {
-    y: [Row; 3],
-    y_dy: [Row; 3],
-    z: [Row; 3],
-    z_dz: [Row; 3],
-}
-
-impl Weights {
-    #[inline(always)]
-    fn new<L: Lanes>(offset_y: &Row, offset_z: &Row) -> Self {
-        let mut out =
-            Weights { y: [Row::ZERO; 3], y_dy: [Row::ZERO; 3], z: [Row::ZERO; 3], z_dz: [Row::ZERO; 3] };
-        weights_along::<L>(offset_y, &mut out.y, &mut out.y_dy);
-        weights_along::<L>(offset_z, &mut out.z, &mut out.z_dz);
-        out
-    }
-}
-
-/// Weights of the three nodes along one axis, and the same times the distance to the node.
-// A function, not a closure: closures are not inlined into kernels and then lose the instruction set.
-#[inline(always)]
-fn weights_along<L: Lanes>(offset: &Row, weight: &mut [Row; 3], moment: &mut [Row; 3]) {
-    let f = L::load(offset);
-    let (lo, mid, hi) = (L::fill(1.5) - f, f - L::fill(1.0), f - L::fill(0.5));
-    let half = L::fill(0.5);
-    let w = [half * lo * lo, L::fill(0.75) - mid * mid, half * hi * hi];
-    for i in 0..3 {
-        w[i].store(&mut weight[i]);
-        (w[i] * (L::fill(i as f32) - f)).store(&mut moment[i]);
-    }
-}
-
-/// Particles of one block to its tile. Returns the first particle whose volume is not positive.
-pub struct Scatter<'a> {
-    /// The block's particles.
-    pub bin: &'a Bin,
-    /// Where they go; cleared first.
-    pub tile: &'a mut Tile,
+/// The material in the kernels' units.
+#[derive(Debug, Clone, Copy)]
+pub struct Elastic {
     /// Constitutive law.
     pub law: Law,
     /// Lame parameters times 4 dt^2 / (rho dx^2).
     pub moduli: Moduli<f32>,
 }
 
-impl Kernel for Scatter<'_> {
-    type Output = Option<u32>;
-
-    #[inline(always)]
-    fn run<L: Lanes>(self) -> Option<u32> {
-        let spline = Spline::<L>::new();
-        let moduli = Moduli { mu: L::fill(self.moduli.mu), lambda: L::fill(self.moduli.lambda) };
-        let mut crushed = None;
-        self.tile.0.fill(Row::ZERO);
-        for batch in &self.bin.batches {
-            // Stress, sixteen particles at a time.
-            let h: [L; 9] = std::array::from_fn(|k| L::load(&batch.strain[k]));
-            let (tau, det) = kirchhoff(self.law, &h, moduli);
-            let used = u16::MAX >> (WIDTH - batch.len as usize);
-            let bad = !L::fill(0.0).less(det) & used;
-            if bad != 0 && crushed.is_none() {
-                crushed = Some(batch.id[bad.trailing_zeros() as usize]);
-            }
-            let c = |k: usize| L::load(&batch.affine[k]);
-            let zero = L::fill(0.0);
-            // Velocity and mass, then the columns of C - tau.
-            let mut rows = [
-                L::load(&batch.velocity[0]),
-                L::load(&batch.velocity[1]),
-                L::load(&batch.velocity[2]),
-                L::fill(1.0),
-                c(0) - tau[0],
-                c(3) - tau[3],
-                c(6) - tau[5],
-                zero,
-                c(1) - tau[3],
-                c(4) - tau[1],
-                c(7) - tau[4],
-                zero,
-                c(2) - tau[5],
-                c(5) - tau[4],
-                c(8) - tau[2],
-                zero,
-            ];
-            L::transpose(&mut rows);
-            let mut momentum = [Row::ZERO; WIDTH];
-            for i in 0..WIDTH {
-                rows[i].store(&mut momentum[i]);
-            }
-            let weights = Weights::new::<L>(&batch.offset[1], &batch.offset[2]);
-            // The stencil, one particle at a time.
-            for i in 0..batch.len as usize {
-                let (w, d) = spline.at(batch.offset[0].0[i]);
-                let m = &momentum[i];
-                let at_rest = w * d.mul_add(L::repeat_group::<1>(m), L::repeat_group::<0>(m));
-                let along_y = w * L::repeat_group::<2>(m);
-                let along_z = w * L::repeat_group::<3>(m);
-                let wz: [L; 3] = std::array::from_fn(|k| L::fill(weights.z[k].0[i]));
-                let wz_dz: [L; 3] = std::array::from_fn(|k| L::fill(weights.z_dz[k].0[i]));
-                let base = batch.node[i] as usize;
-                // One check for the whole stencil.
-                let to = self.tile.at_mut(base + 2 * TILE_LAYER + 2 * TILE_ROW);
-                for j in 0..3 {
-                    let wy = L::fill(weights.y[j].0[i]);
-                    let a = at_rest.mul_add(wy, along_y * L::fill(weights.y_dy[j].0[i]));
-                    let b = along_z * wy;
-                    for k in 0..3 {
-                        // SAFETY: `to` is the last row of the stencil; the others lie before it in the tile.
-                        unsafe {
-                            let node = to.sub(((2 - k) * TILE_LAYER + (2 - j) * TILE_ROW) * 4);
-                            a.mul_add(wz[k], b.mul_add(wz_dz[k], L::read(node))).write(node);
-                        }
-                    }
-                }
-            }
-        }
-        crushed
-    }
-}
-
-/// Momentum handed from the indenter to the grid in one pass, in the solver's units.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Exchange {
-    /// Momentum given to the pad.
-    pub impulse: [f64; 3],
-    /// Its moment about the z axis through the pad frame's origin.
-    pub torque: f64,
-    /// Whether a node felt both the pad and the indenter.
-    pub touched: bool,
-}
-
-/// Sums a block's nodes from the tiles that reach into it and turns momentum into velocity.
-pub struct Update<'a> {
-    /// The block.
-    pub place: &'a Place,
-    /// The pad's tiles; those of empty blocks hold nothing of use.
-    pub tiles: &'a [Tile],
-    /// Which blocks hold particles.
-    pub bins: &'a [Bin],
-    /// The indenter's tiles of this step.
-    pub indenter: &'a [Option<Box<Tile>>],
-    /// Position of the block's first node from the pad frame's origin, cells.
-    pub first_node: [f64; 3],
-    /// Result.
-    pub nodes: &'a mut Nodes,
-}
-
-/// Adds to `sum` what neighbour `n`'s tile holds of this block's nodes.
-#[inline(always)]
-fn add_tile<L: Lanes>(sum: &mut [L; BLOCK * BLOCK], n: usize, tile: &Tile) {
-    let reach = |bit: usize| if n >> bit & 1 == 1 { (BLOCK, TILE_SIDE - BLOCK) } else { (0, BLOCK) };
-    let ((x, _), (y, ny), (z, nz)) = (reach(0), reach(1), reach(2));
-    for k in 0..nz {
-        for j in 0..ny {
-            // SAFETY: `at` checked that four nodes can be read.
-            let row = unsafe { L::read(tile.at((k + z) * TILE_LAYER + (j + y) * TILE_ROW + x)) };
-            // Of a lower neighbour along x only the two nodes of the rim are this block's.
-            let row = if x > 0 { row.keep(0x00ff) } else { row };
-            sum[k * BLOCK + j] = sum[k * BLOCK + j] + row;
-        }
-    }
-}
-
-impl Kernel for Update<'_> {
-    type Output = Exchange;
-
-    #[inline(always)]
-    fn run<L: Lanes>(self) -> Exchange {
-        let mut exchange = Exchange::default();
-        let mut sum = [L::fill(0.0); BLOCK * BLOCK];
-        let mut any = false;
-        for (n, &slot) in self.place.lower.iter().enumerate() {
-            if slot != NONE && !self.bins[slot as usize].is_empty() {
-                any = true;
-                add_tile(&mut sum, n, &self.tiles[slot as usize]);
-            }
-        }
-        if !any {
-            return exchange;
-        }
-        let mut foreign = [L::fill(0.0); BLOCK * BLOCK];
-        let mut meets = false;
-        for (n, &slot) in self.place.lower.iter().enumerate() {
-            if slot != NONE
-                && let Some(tile) = &self.indenter[slot as usize]
-            {
-                meets = true;
-                add_tile(&mut foreign, n, tile);
-            }
-        }
-        // Nodes that nothing reached keep velocity zero: their momentum is zero, too.
-        let least = L::fill(f32::MIN_POSITIVE);
-        for r in 0..BLOCK * BLOCK {
-            let total = if meets { sum[r] + foreign[r] } else { sum[r] };
-            let mut row = Row::ZERO;
-            total.store(&mut row);
-            let mass = L::load(&per_node_of(&row));
-            let v = total.over(mass.larger(least));
-            v.keep(L::fill(STILL).less(v.larger(-v))).store(&mut self.nodes.0[r]);
-        }
-        if meets {
-            for r in 0..BLOCK * BLOCK {
-                let mut before = Row::ZERO;
-                let mut pad = Row::ZERO;
-                foreign[r].store(&mut before);
-                sum[r].store(&mut pad);
-                let after = &self.nodes.0[r].0;
-                for i in 0..BLOCK {
-                    let mass = f64::from(before.0[4 * i + 3]);
-                    if mass == 0.0 || pad.0[4 * i + 3] == 0.0 {
-                        continue;
-                    }
-                    exchange.touched = true;
-                    let given: [f64; 3] = std::array::from_fn(|d| {
-                        f64::from(before.0[4 * i + d]) - mass * f64::from(after[4 * i + d])
-                    });
-                    let x = self.first_node[0] + i as f64;
-                    let y = self.first_node[1] + (r % BLOCK) as f64;
-                    for d in 0..3 {
-                        exchange.impulse[d] += given[d];
-                    }
-                    exchange.torque += x * given[1] - y * given[0];
-                }
-            }
-        }
-        exchange
-    }
-}
-
-/// The mass of each node in all its four components.
-#[inline(always)]
-fn per_node_of(row: &Row) -> Row {
-    Row(std::array::from_fn(|i| row.0[i / 4 * 4 + 3]))
-}
-
-/// What a block reports after its particles were updated.
+/// What a block reports after a pass.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Gathered {
+pub struct Report {
     /// Momentum that the base gave to the particles it holds.
     pub base_impulse: [f64; 3],
+    /// Sum of the squared velocities.
+    pub speed_squared: f64,
     /// First particle that moved a cell or more in the step, or is not a number.
     pub runaway: Option<u32>,
-    /// Particles that left the block, taken out of it.
-    pub leavers: Vec<Particle>,
+    /// First particle whose volume is not positive.
+    pub crushed: Option<u32>,
+    /// Particles that left the block, taken out of it and not yet put on the grid.
+    pub leavers: Vec<Moving>,
 }
 
-/// Grid to the particles of one block.
-pub struct Gather<'a> {
+/// Grid to the particles of one block and back to its tile.
+pub struct Pass<'a> {
     /// The block.
     pub place: &'a Place,
     /// Nodes of every active block.
     pub nodes: &'a [Nodes],
     /// The block's particles.
     pub bin: &'a mut Bin,
+    /// Where their momentum goes; cleared first.
+    pub tile: &'a mut Tile,
+    /// Material.
+    pub elastic: Elastic,
     /// How held particles are held.
     pub base: Base,
     /// Whether x and F move on; otherwise only v and C change (a pass of the relative-rest loop).
     pub advance: bool,
 }
 
-impl Gather<'_> {
-    /// Copies the nodes that this block's particles touch into one tile.
-    #[inline(always)]
-    fn load_tile<L: Lanes>(&self, tile: &mut Tile) {
-        // Neighbours along x first: a row of four reaches two nodes into the next row, which is written later.
-        for n in [1, 3, 5, 7, 0, 2, 4, 6] {
-            let from = &self.nodes[self.place.upper[n] as usize];
-            let reach = |bit: usize| if n >> bit & 1 == 1 { (BLOCK, TILE_SIDE - BLOCK) } else { (0, BLOCK) };
-            let ((x, _), (y, ny), (z, nz)) = (reach(0), reach(1), reach(2));
-            for k in 0..nz {
-                for j in 0..ny {
-                    let to = tile.at_mut((k + z) * TILE_LAYER + (j + y) * TILE_ROW + x);
-                    // SAFETY: `at_mut` checked that four nodes can be written.
-                    unsafe { L::load(&from.0[k * BLOCK + j]).write(to) };
-                }
+/// Copies the nodes that a block's particles touch into one tile.
+#[inline(always)]
+fn load_tile<L: Lanes>(place: &Place, nodes: &[Nodes], tile: &mut Tile) {
+    // Neighbours along x first: a row of four reaches two nodes into the next row, which is written later.
+    for n in [1, 3, 5, 7, 0, 2, 4, 6] {
+        let from = &nodes[place.upper[n] as usize];
+        let (x, _) = reach(n, 0);
+        let (y, ny) = reach(n, 1);
+        let (z, nz) = reach(n, 2);
+        for k in 0..nz {
+            for j in 0..ny {
+                let to = tile.at_mut((k + z) * TILE_LAYER + (j + y) * TILE[0] + x);
+                // SAFETY: `at_mut` checked that four nodes can be written.
+                unsafe { L::load(&from.0[k * BLOCK[1] + j]).write(to) };
             }
         }
     }
 }
 
-impl Kernel for Gather<'_> {
-    type Output = Gathered;
+/// Where neighbour `n` begins in a tile along axis `d`, and how many nodes it has there.
+#[inline(always)]
+pub fn reach(n: usize, d: usize) -> (usize, usize) {
+    if n >> d & 1 == 1 { (BLOCK[d], RIM) } else { (0, BLOCK[d]) }
+}
+
+/// Velocity and moments of one particle: `[v | first moment along x | along y | along z]`, four components each.
+#[inline(always)]
+fn gather_one<L: Lanes>(x: &AlongX<L>, offset: f32, wy: [f32; 3], wz: [f32; 3], last: *const f32) -> L {
+    let [z0, z1, z2] = wz.map(L::fill);
+    let mut rows = [L::fill(0.0); 3];
+    let mut along_z = [L::fill(0.0); 3];
+    for j in 0..3 {
+        // SAFETY: `last` is the last row of a stencil inside a tile; the others lie before it.
+        let (n0, n1, n2) = unsafe {
+            let row = |k: usize| last.sub(((2 - k) * TILE_LAYER + (2 - j) * TILE[0]) * 4);
+            (L::read(row(0)), L::read(row(1)), L::read(row(2)))
+        };
+        let (t0, t2) = (n0 * z0, n2 * z2);
+        rows[j] = n1.mul_add(z1, t0 + t2);
+        along_z[j] = t2 - t0;
+    }
+    let [y0, y1, y2] = wy.map(L::fill);
+    let (t0, t2) = (rows[0] * y0, rows[2] * y2);
+    let sum = rows[1].mul_add(y1, t0 + t2);
+    let along_y = t2 - t0;
+    let along_z = along_z[0].mul_add(y0, along_z[1].mul_add(y1, along_z[2] * y2));
+    let w = x.weights(offset);
+    let v = w * sum;
+    L::sum_groups(v, v * x.step, w * along_y, w * along_z)
+}
+
+/// Adds one particle's mass and momentum to its stencil. `m` is `[momentum, mass | A x | A y | A z]` at the middle node.
+#[inline(always)]
+fn scatter_one<L: Lanes>(x: &AlongX<L>, offset: f32, wy: [f32; 3], wz: [f32; 3], m: &Row, last: *mut f32) {
+    let w = x.weights(offset);
+    let middle = w * x.step.mul_add(L::repeat_group::<1>(m), L::repeat_group::<0>(m));
+    let along_y = w * L::repeat_group::<2>(m);
+    let along_z = w * L::repeat_group::<3>(m);
+    let [z0, z1, z2] = wz.map(L::fill);
+    let rows = [middle - along_y, middle, middle + along_y];
+    for j in 0..3 {
+        let wy = L::fill(wy[j]);
+        let a = rows[j] * wy;
+        let b = along_z * wy;
+        let row = |k: usize| last.wrapping_sub(((2 - k) * TILE_LAYER + (2 - j) * TILE[0]) * 4);
+        // SAFETY: `last` is the last row of a stencil inside a tile; the others lie before it.
+        unsafe {
+            (a - b).mul_add(z0, L::read(row(0))).write(row(0));
+            a.mul_add(z1, L::read(row(1))).write(row(1));
+            (a + b).mul_add(z2, L::read(row(2))).write(row(2));
+        }
+    }
+}
+
+/// Motion of sixteen particles, component by component.
+struct Motion {
+    velocity: [Row; 3],
+    affine: [Row; 9],
+}
+
+impl Motion {
+    const NONE: Motion = Motion { velocity: [Row::ZERO; 3], affine: [Row::ZERO; 9] };
+}
+
+/// Subtracts the stress of twice sixteen particles from their C, which leaves the affine momentum.
+/// Returns the lanes whose volume is not positive.
+#[inline(always)]
+fn add_stress<L: Lanes>(elastic: Elastic, strain: [&[Row; 9]; 2], affine: [&mut [Row; 9]; 2]) -> [u16; 2] {
+    let mut h = [Pair(L::fill(0.0), L::fill(0.0)); 9];
+    for k in 0..9 {
+        h[k] = Pair(L::load(&strain[0][k]), L::load(&strain[1][k]));
+    }
+    let moduli = Moduli {
+        mu: Pair(L::fill(elastic.moduli.mu), L::fill(elastic.moduli.mu)),
+        lambda: Pair(L::fill(elastic.moduli.lambda), L::fill(elastic.moduli.lambda)),
+    };
+    let (tau, det) = kirchhoff(elastic.law, &h, moduli);
+    let [first, second] = affine;
+    for (k, s) in [0, 3, 5, 3, 1, 4, 5, 4, 2].into_iter().enumerate() {
+        (L::load(&first[k]) - tau[s].0).store(&mut first[k]);
+        (L::load(&second[k]) - tau[s].1).store(&mut second[k]);
+    }
+    let zero = L::fill(0.0);
+    [!zero.less(det.0), !zero.less(det.1)]
+}
+
+/// Sixteen particles' way to the grid; only lanes of `lanes` are put there.
+#[inline(always)]
+fn scatter_batch<L: Lanes>(
+    x: &AlongX<L>,
+    motion: &Motion,
+    offset: &[Row; 3],
+    node: &[u16; WIDTH],
+    lanes: u16,
+    tile: &mut Tile,
+) {
+    // Momentum as the middle node sees it: v - A g.
+    let one = L::fill(1.0);
+    let g = [L::load(&offset[0]) - one, L::load(&offset[1]) - one, L::load(&offset[2]) - one];
+    let mut rows = [L::fill(0.0); WIDTH];
+    for d in 0..3 {
+        let a = [
+            L::load(&motion.affine[3 * d]),
+            L::load(&motion.affine[3 * d + 1]),
+            L::load(&motion.affine[3 * d + 2]),
+        ];
+        let shift = a[0].mul_add(g[0], a[1].mul_add(g[1], a[2] * g[2]));
+        rows[d] = L::load(&motion.velocity[d]) - shift;
+        rows[4 + d] = a[0];
+        rows[8 + d] = a[1];
+        rows[12 + d] = a[2];
+    }
+    rows[3] = one;
+    L::transpose(&mut rows);
+    let mut momentum = [Row::ZERO; WIDTH];
+    for i in 0..WIDTH {
+        rows[i].store(&mut momentum[i]);
+    }
+    let (mut wy, mut wz) = ([Row::ZERO; 3], [Row::ZERO; 3]);
+    weights(L::load(&offset[1]), &mut wy);
+    weights(L::load(&offset[2]), &mut wz);
+    let mut left = lanes;
+    while left != 0 {
+        let i = left.trailing_zeros() as usize;
+        left &= left - 1;
+        let last = tile.at_mut(node[i] as usize + LAST_ROW);
+        let y = [wy[0].0[i], wy[1].0[i], wy[2].0[i]];
+        let z = [wz[0].0[i], wz[1].0[i], wz[2].0[i]];
+        scatter_one(x, offset[0].0[i], y, z, &momentum[i], last);
+    }
+}
+
+/// What becomes of one batch on the way from the grid to the particles.
+struct Moved {
+    motion: Motion,
+    /// Lanes that stay in the block.
+    staying: u16,
+}
+
+/// The kernel's state while it goes over the batches of a block.
+struct Walk<'a, L> {
+    x: AlongX<L>,
+    place: &'a Place,
+    velocities: Tile,
+    base: Base,
+    advance: bool,
+    speed_squared: L,
+    leaving: Vec<(usize, Moving)>,
+    report: Report,
+}
+
+impl<L: Lanes> Walk<'_, L> {
+    /// Grid to one batch: its motion, and with `advance` its new place and strain.
+    #[inline(always)]
+    fn receive(&mut self, b: usize, batch: &mut Batch) -> Moved {
+        let used = batch.used();
+
+        // From the grid, one particle at a time.
+        let mut gathered = [Row::ZERO; WIDTH];
+        let (mut wy, mut wz) = ([Row::ZERO; 3], [Row::ZERO; 3]);
+        weights(L::load(&batch.offset[1]), &mut wy);
+        weights(L::load(&batch.offset[2]), &mut wz);
+        for i in 0..batch.len as usize {
+            let last = self.velocities.at(batch.node[i] as usize + LAST_ROW);
+            let y = [wy[0].0[i], wy[1].0[i], wy[2].0[i]];
+            let z = [wz[0].0[i], wz[1].0[i], wz[2].0[i]];
+            gather_one(&self.x, batch.offset[0].0[i], y, z, last).store(&mut gathered[i]);
+        }
+        let (one, four) = (L::fill(1.0), L::fill(4.0));
+        let mut rows = [one; WIDTH];
+        for i in 0..WIDTH {
+            rows[i] = L::load(&gathered[i]);
+        }
+        L::transpose(&mut rows);
+
+        // Sixteen at a time: the moment about the particle is that about the middle node less g v.
+        let mut v = [rows[0], rows[1], rows[2]];
+        let mut c = [one; 9];
+        for s in 0..3 {
+            let g = L::load(&batch.offset[s]) - one;
+            for r in 0..3 {
+                c[3 * r + s] = four * (rows[4 * (s + 1) + r] - g * v[r]);
+            }
+        }
+        if batch.held != 0 {
+            for d in 0..3 {
+                if self.base == Base::LowerHalfVz && d < 2 {
+                    continue;
+                }
+                let mut row = Row::ZERO;
+                v[d].keep(batch.held).store(&mut row);
+                self.report.base_impulse[d] -= row.0.iter().map(|&x| f64::from(x)).sum::<f64>();
+                v[d] = v[d].keep(!batch.held);
+            }
+            if self.base == Base::BondedLayers {
+                for ck in &mut c {
+                    *ck = ck.keep(!batch.held);
+                }
+            }
+        }
+        self.speed_squared = v[0].mul_add(v[0], v[1].mul_add(v[1], v[2].mul_add(v[2], self.speed_squared)));
+        let mut motion = Motion::NONE;
+        for d in 0..3 {
+            v[d].store(&mut motion.velocity[d]);
+        }
+        for k in 0..9 {
+            c[k].store(&mut motion.affine[k]);
+        }
+        let sane = v[0].less(one)
+            & v[1].less(one)
+            & v[2].less(one)
+            & (-v[0]).less(one)
+            & (-v[1]).less(one)
+            & (-v[2]).less(one);
+        if !sane & used != 0 {
+            let i = (!sane & used).trailing_zeros() as usize;
+            self.report.runaway = self.report.runaway.or(Some(batch.id[i]));
+            return Moved { motion, staying: used };
+        }
+        if !self.advance {
+            return Moved { motion, staying: used };
+        }
+
+        // Strain and place move on.
+        let mut h = [one; 9];
+        for k in 0..9 {
+            h[k] = L::load(&batch.strain[k]);
+        }
+        for r in 0..3 {
+            for s in 0..3 {
+                let ch = c[3 * r].mul_add(h[s], c[3 * r + 1].mul_add(h[3 + s], c[3 * r + 2] * h[6 + s]));
+                let moved = h[3 * r + s] + (c[3 * r + s] + ch);
+                let felt = L::fill(UNSTRAINED).less(moved.larger(-moved));
+                moved.keep(felt).store(&mut batch.strain[3 * r + s]);
+            }
+        }
+        let mut crossed = 0;
+        for d in 0..3 {
+            let x = L::load(&batch.offset[d]) + v[d];
+            crossed |= x.less(L::fill(0.5)) | L::fill(1.5).less(x);
+            x.store(&mut batch.offset[d]);
+        }
+        let gone = self.cross(b, batch, crossed & used, &motion);
+        Moved { motion, staying: used & !gone }
+    }
+
+    /// Gives particles that crossed a cell border their new cell. Returns the lanes that left the block.
+    #[inline(always)]
+    fn cross(&mut self, b: usize, batch: &mut Batch, mut crossed: u16, motion: &Motion) -> u16 {
+        let mut gone = 0;
+        while crossed != 0 {
+            let i = crossed.trailing_zeros() as usize;
+            crossed &= crossed - 1;
+            let mut at = tile_position(batch.node[i]);
+            for d in 0..3 {
+                let f = &mut batch.offset[d].0[i];
+                let shift = i32::from(*f > 1.5) - i32::from(*f < 0.5);
+                *f -= shift as f32;
+                at[d] += shift;
+            }
+            if (0..3).all(|d| at[d] >= 0 && at[d] < BLOCK[d] as i32) {
+                batch.node[i] = tile_node(at.map(|x| x as usize));
+                continue;
+            }
+            gone |= 1 << i;
+            let origin = self.place.origin();
+            let mut particle = batch.get(i, origin);
+            particle.cell = [origin[0] + at[0], origin[1] + at[1], origin[2] + at[2]];
+            let lane = |row: &Row| row.0[i];
+            let moving = Moving {
+                particle,
+                velocity: motion.velocity.each_ref().map(lane),
+                affine: motion.affine.each_ref().map(lane),
+            };
+            self.leaving.push((b * WIDTH + i, moving));
+        }
+        gone
+    }
+}
+
+impl Kernel for Pass<'_> {
+    type Output = Report;
 
     #[inline(always)]
-    fn run<L: Lanes>(self) -> Gathered {
-        let mut out = Gathered::default();
-        let mut tile = Tile::zero();
-        self.load_tile::<L>(&mut tile);
-        let spline = Spline::<L>::new();
-        let mut leaving: Vec<(usize, [i32; 3])> = Vec::new();
-        for (b, batch) in self.bin.batches.iter_mut().enumerate() {
-            let weights = Weights::new::<L>(&batch.offset[1], &batch.offset[2]);
-            let mut rows = [L::fill(0.0); WIDTH];
-            // The stencil, one particle at a time: velocity and the three columns of C.
-            let mut gathered = [Row::ZERO; WIDTH];
-            for i in 0..batch.len as usize {
-                let (w, d) = spline.at(batch.offset[0].0[i]);
-                let wz: [L; 3] = std::array::from_fn(|k| L::fill(weights.z[k].0[i]));
-                let wz_dz: [L; 3] = std::array::from_fn(|k| L::fill(weights.z_dz[k].0[i]));
-                let from = tile.at(batch.node[i] as usize + 2 * TILE_LAYER + 2 * TILE_ROW);
-                let (mut sum, mut on_y, mut on_z) = (L::fill(0.0), L::fill(0.0), L::fill(0.0));
-                for j in 0..3 {
-                    let node = |k: usize| {
-                        // SAFETY: `from` is the last row of the stencil; the others lie before it in the tile.
-                        unsafe { L::read(from.sub(((2 - k) * TILE_LAYER + (2 - j) * TILE_ROW) * 4)) }
-                    };
-                    let (n0, n1, n2) = (node(0), node(1), node(2));
-                    let plain = n2.mul_add(wz[2], n1.mul_add(wz[1], n0 * wz[0]));
-                    let moment = n2.mul_add(wz_dz[2], n1.mul_add(wz_dz[1], n0 * wz_dz[0]));
-                    let wy = L::fill(weights.y[j].0[i]);
-                    sum = plain.mul_add(wy, sum);
-                    on_y = plain.mul_add(L::fill(weights.y_dy[j].0[i]), on_y);
-                    on_z = moment.mul_add(wy, on_z);
-                }
-                let weighted = w * sum;
-                L::sum_groups(weighted, weighted * d, w * on_y, w * on_z).store(&mut gathered[i]);
+    fn run<L: Lanes>(self) -> Report {
+        let Pass { place, nodes, bin, tile, elastic, base, advance } = self;
+        let mut walk = Walk {
+            x: AlongX::<L>::in_registers(),
+            place,
+            velocities: Tile::zero(),
+            base,
+            advance,
+            speed_squared: L::fill(0.0),
+            leaving: Vec::new(),
+            report: Report::default(),
+        };
+        load_tile::<L>(place, nodes, &mut walk.velocities);
+        tile.0.fill(Row::ZERO);
+        for (p, pair) in bin.batches.chunks_mut(2).enumerate() {
+            // The next two batches lie behind these.
+            let next = pair.as_ptr_range().end.cast::<Row>();
+            for line in 0..2 * size_of::<Batch>() / size_of::<Row>() {
+                L::fetch_soon(next.wrapping_add(line));
             }
-            for i in 0..WIDTH {
-                rows[i] = L::load(&gathered[i]);
+            let mut moved =
+                [Moved { motion: Motion::NONE, staying: 0 }, Moved { motion: Motion::NONE, staying: 0 }];
+            for (i, batch) in pair.iter_mut().enumerate() {
+                moved[i] = walk.receive(2 * p + i, batch);
             }
-            L::transpose(&mut rows);
-
-            // Sixteen particles at a time from here on.
-            let mut v = [rows[0], rows[1], rows[2]];
-            let four = L::fill(4.0);
-            let mut c: [L; 9] = std::array::from_fn(|k| four * rows[4 * (k % 3 + 1) + k / 3]);
-            if batch.held != 0 {
-                for d in 0..3 {
-                    if self.base == Base::LowerHalfVz && d < 2 {
-                        continue;
-                    }
-                    let mut row = Row::ZERO;
-                    v[d].keep(batch.held).store(&mut row);
-                    out.base_impulse[d] -= row.0.iter().map(|&x| f64::from(x)).sum::<f64>();
-                    v[d] = v[d].keep(!batch.held);
-                }
-                if self.base == Base::BondedLayers {
-                    for ck in &mut c {
-                        *ck = ck.keep(!batch.held);
-                    }
-                }
-            }
-            for d in 0..3 {
-                v[d].store(&mut batch.velocity[d]);
-            }
-            for k in 0..9 {
-                c[k].store(&mut batch.affine[k]);
-            }
-            let used = u16::MAX >> (WIDTH - batch.len as usize);
-            let one = L::fill(1.0);
-            let sane = (0..3).fold(u16::MAX, |m, d| m & v[d].less(one) & (-v[d]).less(one));
-            if !sane & used != 0 {
-                let i = (!sane & used).trailing_zeros() as usize;
-                out.runaway = out.runaway.or(Some(batch.id[i]));
-                continue;
-            }
-            if !self.advance {
-                continue;
-            }
-            let h: [L; 9] = std::array::from_fn(|k| L::load(&batch.strain[k]));
-            for r in 0..3 {
-                for s in 0..3 {
-                    let ch = c[3 * r].mul_add(h[s], c[3 * r + 1].mul_add(h[3 + s], c[3 * r + 2] * h[6 + s]));
-                    let moved = h[3 * r + s] + (c[3 * r + s] + ch);
-                    let felt = L::fill(UNSTRAINED).less(moved.larger(-moved));
-                    moved.keep(felt).store(&mut batch.strain[3 * r + s]);
-                }
-            }
-            let mut crossed = 0;
-            for d in 0..3 {
-                let x = L::load(&batch.offset[d]) + v[d];
-                crossed |= x.less(L::fill(0.5)) | L::fill(1.5).less(x);
-                x.store(&mut batch.offset[d]);
-            }
-            // A few particles a step come into another cell, fewer into another block.
-            let mut crossed = crossed & used;
-            while crossed != 0 {
-                let i = crossed.trailing_zeros() as usize;
-                crossed &= crossed - 1;
-                let mut at = tile_position(batch.node[i]).map(|x| x as i32);
-                for (d, x) in at.iter_mut().enumerate() {
-                    let f = &mut batch.offset[d].0[i];
-                    let shift = i32::from(*f > 1.5) - i32::from(*f < 0.5);
-                    *f -= shift as f32;
-                    *x += shift;
-                }
-                if at.iter().all(|x| (0..BLOCK as i32).contains(x)) {
-                    batch.node[i] =
-                        (at[2] as usize * TILE_LAYER + at[1] as usize * TILE_ROW + at[0] as usize) as u32;
-                } else {
-                    leaving.push((b * WIDTH + i, at));
+            let [first, second] = &mut moved;
+            let strain = [&pair[0].strain, &pair[pair.len() - 1].strain];
+            let bad = add_stress::<L>(elastic, strain, [&mut first.motion.affine, &mut second.motion.affine]);
+            for (i, batch) in pair.iter().enumerate() {
+                let lanes = moved[i].staying;
+                scatter_batch(&walk.x, &moved[i].motion, &batch.offset, &batch.node, lanes, tile);
+                let bad = bad[i] & lanes;
+                if bad != 0 && walk.report.crushed.is_none() {
+                    walk.report.crushed = Some(batch.id[bad.trailing_zeros() as usize]);
                 }
             }
         }
+        let Walk { speed_squared, leaving, mut report, .. } = walk;
+        let mut row = Row::ZERO;
+        speed_squared.store(&mut row);
+        report.speed_squared = row.0.iter().map(|&x| f64::from(x)).sum();
         // From the last to the first, so that what takes a leaver's place stays.
-        let origin = self.place.origin();
-        for &(index, at) in leaving.iter().rev() {
-            let mut p = self.bin.swap_remove(index, origin);
-            p.cell = std::array::from_fn(|d| origin[d] + at[d]);
-            out.leavers.push(p);
+        for (index, moving) in leaving.into_iter().rev() {
+            bin.swap_remove(index, place.origin());
+            report.leavers.push(moving);
         }
-        out
+        report
+    }
+}
+
+/// Puts particles that came to a block on its tile. Returns the first whose volume is not positive.
+pub struct Arrive<'a> {
+    /// Who came, with the tile node of each.
+    pub arrivals: &'a [(Moving, u16)],
+    /// The block's tile; added to.
+    pub tile: &'a mut Tile,
+    /// Material.
+    pub elastic: Elastic,
+}
+
+impl Kernel for Arrive<'_> {
+    type Output = Option<u32>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Option<u32> {
+        let x = AlongX::<L>::in_registers();
+        let mut crushed = None;
+        for some in self.arrivals.chunks(WIDTH) {
+            let mut offset = [Row([1.0; WIDTH]); 3];
+            let mut motion = Motion::NONE;
+            let mut strain = [Row::ZERO; 9];
+            let mut node = [0; WIDTH];
+            for (i, (m, at)) in some.iter().enumerate() {
+                node[i] = *at;
+                for d in 0..3 {
+                    offset[d].0[i] = m.particle.offset[d];
+                    motion.velocity[d].0[i] = m.velocity[d];
+                }
+                for k in 0..9 {
+                    motion.affine[k].0[i] = m.affine[k];
+                    strain[k].0[i] = m.particle.strain[k];
+                }
+            }
+            let lanes = u16::MAX >> (WIDTH - some.len());
+            let mut idle = Motion::NONE;
+            let affine = [&mut motion.affine, &mut idle.affine];
+            let [bad, _] = add_stress::<L>(self.elastic, [&strain, &strain], affine);
+            scatter_batch(&x, &motion, &offset, &node, lanes, self.tile);
+            if bad & lanes != 0 && crushed.is_none() {
+                crushed = Some(some[(bad & lanes).trailing_zeros() as usize].0.particle.id);
+            }
+        }
+        crushed
     }
 }

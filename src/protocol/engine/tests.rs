@@ -466,3 +466,92 @@ fn zaber_a_stall_flag_fails_the_move() {
     assert!(matches!(b.finished_now(t), Some(Err(Failure::Flag { .. }))));
     assert!(b.trust_lost());
 }
+
+/// What goes out now, in hex.
+fn out_hex(b: &mut Bench) -> String {
+    let output = b.engine.poll(b.now);
+    b.events.extend(output.events);
+    crate::protocol::value::hex(&[output.urgent, output.bytes].concat())
+}
+
+fn say_hex(b: &mut Bench, digits: &str) {
+    let bytes = crate::protocol::value::parse_hex(digits).unwrap();
+    b.engine.receive(&bytes, b.now);
+}
+
+#[test]
+fn apt_arrival_is_asked_for_when_told_and_needs_no_message() {
+    let mut b = Bench::new("thorlabs_apt", &[("spin", "80/1")]);
+    b.engine.submit(go(&[(0, 1727.75)], 1.0));
+    assert_eq!(out_hex(&mut b), "53 04 06 00 d0 01 01 00 e7 a2 02 00");
+    let t = b.engine.submit(SETTLE);
+    let ask = "90 04 01 00 50 01";
+    assert_eq!(out_hex(&mut b), ask);
+    say_hex(&mut b, "91 04 0e 00 81 50 01 00 00 01 00 00 00 00 00 00 10 04 00 80");
+    assert_eq!(out_hex(&mut b), "");
+    assert_eq!(b.engine.state(), Some(MotionState::Moving));
+    // The completion message makes it ask before the period is over.
+    b.pass_ms(20);
+    say_hex(&mut b, "64 04 0e 00 81 50 01 00 e7 a2 02 00 00 00 00 00 00 04 00 80");
+    assert_eq!(out_hex(&mut b), ask);
+    let idle = "91 04 0e 00 81 50 01 00 e7 a2 02 00 00 00 00 00 00 04 00 80";
+    say_hex(&mut b, idle);
+    b.pass_ms(100);
+    assert_eq!(out_hex(&mut b), ask);
+    say_hex(&mut b, idle);
+    out_hex(&mut b);
+    assert!(matches!(b.finished_now(t), Some(Ok(_))));
+    assert!((b.engine.positions()[0].unwrap().value - 1727.75).abs() < 1e-9);
+    assert_eq!(b.engine.stop_bytes(StopKind::Emergency), [0x65, 0x04, 1, 1, 0x50, 1]);
+}
+
+#[test]
+fn dobot_moves_whole_poses_and_waits_for_its_queue() {
+    let mut b = Bench::new("dobot_magician", &[("r", "r"), ("x", "x"), ("y", "y"), ("z", "z")]);
+    let blind = b.engine.submit(go(&[(3, 49.5)], 10.0));
+    out_hex(&mut b);
+    assert!(
+        matches!(b.finished_now(blind), Some(Err(Failure::Encode(_)))),
+        "the rest of the pose is not known"
+    );
+    let t = b.engine.submit(Request::Position);
+    assert_eq!(out_hex(&mut b), "aa aa 02 0a 00 f6");
+    let mut pose = vec![10u8, 0];
+    for value in [200.0f32, 0.0, 10.0, 0.0, 1.0, 2.0, 3.0, 4.0] {
+        pose.extend(value.to_le_bytes());
+    }
+    let sum = crate::protocol::ChecksumKind::TwosComplement.of(&pose) as u8;
+    let frame = [&[0xaa, 0xaa, pose.len() as u8][..], &pose, &[sum]].concat();
+    b.engine.receive(&frame, b.now);
+    out_hex(&mut b);
+    assert!(matches!(b.finished_now(t), Some(Ok(_))));
+    let t = b.engine.submit(go(&[(3, 49.5)], 10.0));
+    assert_eq!(out_hex(&mut b), "aa aa 13 54 03 02 00 00 48 43 00 00 00 00 00 00 46 42 00 00 00 00 94");
+    say_hex(&mut b, "aa aa 0a 54 03 05 00 00 00 00 00 00 00 a4");
+    out_hex(&mut b);
+    assert!(matches!(b.finished_now(t), Some(Ok(_))));
+    let t = b.engine.submit(SETTLE);
+    assert_eq!(out_hex(&mut b), "aa aa 02 f6 00 0a");
+    say_hex(&mut b, "aa aa 0a f6 00 04 00 00 00 00 00 00 00 06");
+    out_hex(&mut b);
+    assert!(b.finished_now(t).is_none(), "the queue has not passed the move");
+    b.pass_ms(50);
+    assert_eq!(out_hex(&mut b), "aa aa 02 f6 00 0a");
+    // More was queued since: past is as good as equal.
+    say_hex(&mut b, "aa aa 0a f6 00 06 00 00 00 00 00 00 00 04");
+    out_hex(&mut b);
+    assert!(matches!(b.finished_now(t), Some(Ok(_))));
+}
+
+#[test]
+fn a_frame_cut_short_is_given_up_after_a_pause() {
+    let mut b = Bench::new("feetech_sts", &[("joint", "1")]);
+    let t = b.engine.submit(Request::Position);
+    assert_eq!(out_hex(&mut b), "ff ff 01 04 02 38 02 be");
+    say_hex(&mut b, "ff ff 01 04 00");
+    b.pass_ms(100);
+    say_hex(&mut b, "ff ff 01 04 00 00 08 f2");
+    out_hex(&mut b);
+    assert!(matches!(b.finished_now(t), Some(Ok(_))));
+    assert!((b.engine.positions()[0].unwrap().value - 20.48).abs() < 1e-9);
+}

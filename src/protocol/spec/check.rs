@@ -104,6 +104,7 @@ impl Check<'_> {
         self.motion();
         self.procedures();
         self.faults();
+        self.dialogues();
         for (i, vector) in spec.vector.iter().enumerate() {
             let at = i.to_string();
             if let Some(cmd) = &vector.cmd {
@@ -114,6 +115,23 @@ impl Check<'_> {
             }
             if vector.cmd.is_some() != vector.tx.is_some() || vector.rx.is_some() == vector.tx.is_some() {
                 self.push(&["vector", &at], "a vector is either cmd and tx, or rx and class".to_owned());
+            }
+        }
+    }
+
+    fn dialogues(&mut self) {
+        let spec = self.spec;
+        for (i, dialogue) in spec.dialogue.iter().enumerate() {
+            for (j, turn) in dialogue.turns.iter().enumerate() {
+                let (at, turn_at) = (i.to_string(), j.to_string());
+                let path = ["dialogue", at.as_str(), "turns", turn_at.as_str()];
+                if let Some(cmd) = &turn.cmd {
+                    self.command(&path, cmd);
+                }
+                let known = ["done", "refused", "failed", "pending"];
+                if let Some(ends) = turn.ends.as_ref().filter(|e| !known.contains(&e.as_str())) {
+                    self.push(&path, format!("ends \"{ends}\" is not one of {}", known.join(", ")));
+                }
             }
         }
     }

@@ -178,10 +178,11 @@ impl Motors {
         self.axes[i].slip = self.true_position(i, t) - counter;
     }
 
-    /// Moves one axis alone; returns when it arrives.
+    /// Moves one axis alone; one that moves decelerates first. Returns when it arrives.
     pub fn go(&mut self, i: usize, t: Timestamp, target: f64, feed: f64, accel: f64) -> Timestamp {
-        let profile = Profile::new(self.position(i, t), self.axes[i].snap(target), feed, accel);
-        self.follow(i, t, profile)
+        let rests = if self.velocity(i, t) == 0.0 { t } else { self.stop_one(i, t) };
+        let profile = Profile::new(self.position(i, rests), self.axes[i].snap(target), feed, accel);
+        self.follow(i, rests, profile)
     }
 
     fn follow(&self, i: usize, t: Timestamp, profile: Profile) -> Timestamp {
@@ -271,6 +272,13 @@ impl Motors {
         let off = Profile::new(switch, back, pull_off.feed, motor.accel);
         self.world.follow(device, key, touched, off);
         touched.after(off.duration())
+    }
+
+    /// Homing of a machine that ends somewhere else than at a switch: to a true position.
+    pub fn go_truly(&mut self, i: usize, t: Timestamp, target: f64, feed: f64) -> Timestamp {
+        let profile = Profile::new(self.true_position(i, t), target, feed, self.axes[i].accel);
+        self.world.follow(&self.device, &self.axes[i].key, t, profile);
+        t.after(profile.duration())
     }
 
     /// Ends homing: counter and truth agree again.

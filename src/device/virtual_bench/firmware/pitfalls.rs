@@ -277,3 +277,19 @@ fn an_axis_that_the_firmware_has_not_is_refused_by_name() {
     assert!(error.contains("spin") && error.contains("X, Y, Z"), "{error}");
     assert!(Emulator::new(&shipped("grblhal"), "stage", &axes, &options, World::without_pad(), T0).is_ok());
 }
+
+#[test]
+fn a_device_made_of_rules_homes_moves_refuses_and_stops() {
+    let mut smc = bare(&shipped("newport_smc100"), &EmulatorOptions::default());
+    assert_eq!(say(&mut smc, b"1TS\r\n", 10, 20), "1TS00000A\r\n");
+    assert_eq!(say(&mut smc, b"1PA5\r\n1TE\r\n", 100, 20), "1TEH\r\n");
+    assert_eq!(say(&mut smc, b"1OR\r\n1TS\r\n", 200, 20), "1TS00001E\r\n");
+    assert_eq!(say(&mut smc, b"1TS\r\n1TP\r\n", 20_000, 20), "1TS000033\r\n1TP0.00000\r\n");
+    assert_eq!(say(&mut smc, b"1PA5.5\r\n1TE\r\n1TS\r\n", 21_000, 20), "1TE@\r\n1TS000028\r\n");
+    assert_eq!(say(&mut smc, b"1TP\r\n", 30_000, 20), "1TP5.50000\r\n");
+    assert_eq!(say(&mut smc, b"1PA26\r\n1TE\r\n1TE\r\n", 31_000, 20), "1TEC\r\n1TE@\r\n");
+    say(&mut smc, b"1PA25\r\n", 32_000, 500);
+    assert_eq!(say(&mut smc, b"1ST\r\n", 32_600, 1000), "");
+    assert_eq!(say(&mut smc, b"1TS\r\n", 34_000, 20), "1TS000033\r\n");
+    assert!((5.5..25.0).contains(&smc.counted("1", at(35_000)).unwrap()));
+}

@@ -289,8 +289,8 @@ impl Zaber {
         if target < motor.min - half || target > motor.max + half {
             return Err("BADDATA");
         }
-        let faults_end_with_a_move = |f: &&'static str| !f.starts_with('F') && *f != "NI";
-        self.axes[i].flags.retain(|f| faults_end_with_a_move(&f));
+        // Faults and notes end with the next move; warnings stay.
+        self.axes[i].flags.retain(|f| f.starts_with('W'));
         if self.is_busy(i) {
             self.axes[i].flags.insert("NI");
             self.stop(i);

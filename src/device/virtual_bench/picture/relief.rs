@@ -282,9 +282,9 @@ fn box_radii(sigma: f64) -> [usize; 3] {
 fn box_row(from: &[f32], to: &mut [f32], r: usize) {
     let scale = 1.0 / (2 * r + 1) as f32;
     let mut sum: f32 = from.iter().take(r).sum();
-    for x in 0..from.len() {
+    for (x, out) in to.iter_mut().enumerate() {
         sum += from.get(x + r).copied().unwrap_or(0.0);
-        to[x] = sum * scale;
+        *out = sum * scale;
         if x >= r {
             sum -= from[x - r];
         }

@@ -70,11 +70,12 @@ fn normals_of_row(normals: &mut Normals, relief: &Relief, row: usize) {
     let w = relief.width;
     let at = |row: usize| &relief.px[row * w..][..w];
     let (above, line, below) = (at(row.saturating_sub(1)), at(row), at((row + 1).min(relief.height - 1)));
-    for x in 0..normals.x.len() {
+    let out = normals.x.iter_mut().zip(&mut normals.y).zip(&mut normals.z);
+    for (x, ((nx, ny), nz)) in out.enumerate() {
         let dx = 0.5 * (line[(x + 1).min(w - 1)] - line[x.saturating_sub(1)]);
         let dy = 0.5 * (below[x] - above[x]);
         let inverse = 1.0 / (1.0 + dx * dx + dy * dy).sqrt();
-        (normals.x[x], normals.y[x], normals.z[x]) = (-dx * inverse, -dy * inverse, inverse);
+        (*nx, *ny, *nz) = (-dx * inverse, -dy * inverse, inverse);
     }
 }
 

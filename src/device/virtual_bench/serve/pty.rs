@@ -218,3 +218,49 @@ impl Drop for Link {
         std::fs::remove_file(&self.0).ok();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs::File;
+    use std::io::{Read, Write};
+    use std::time::Duration;
+
+    fn open(path: &Path) -> File {
+        File::options().read(true).write(true).open(path).unwrap()
+    }
+
+    #[tokio::test]
+    async fn clients_come_and_go_and_find_a_clean_port() {
+        let Pty { mut stream, slave, mut clients } = pty().unwrap();
+        let mut first = open(&slave);
+        assert_eq!(clients.next().await.unwrap(), Visit::Came);
+        termios::ioctl_tiocexcl(&first).unwrap();
+        first.write_all(b"?\n").unwrap();
+        let mut buffer = [0; 16];
+        let n = tokio::io::AsyncReadExt::read(&mut stream, &mut buffer).await.unwrap();
+        assert_eq!(&buffer[..n], b"?\n");
+        tokio::io::AsyncWriteExt::write_all(&mut stream, b"unread").await.unwrap();
+        drop(first);
+        assert_eq!(clients.next().await.unwrap(), Visit::Left);
+
+        // Neither the exclusive flag nor the unread bytes are left for the next one.
+        let mut second = open(&slave);
+        assert_eq!(clients.next().await.unwrap(), Visit::Came);
+        tokio::io::AsyncWriteExt::write_all(&mut stream, b"ok\r\n").await.unwrap();
+        let n = tokio::task::spawn_blocking(move || second.read(&mut buffer).map(|n| buffer[..n].to_vec()));
+        assert_eq!(n.await.unwrap().unwrap(), b"ok\r\n");
+    }
+
+    #[tokio::test]
+    async fn a_client_that_does_not_read_cannot_block_the_device() {
+        let Pty { mut stream, slave, .. } = pty().unwrap();
+        let _deaf = open(&slave);
+        let flood = async {
+            for _ in 0..1000 {
+                tokio::io::AsyncWriteExt::write_all(&mut stream, &[b'x'; 100]).await.unwrap();
+            }
+        };
+        assert!(tokio::time::timeout(Duration::from_secs(10), flood).await.is_ok());
+    }
+}

@@ -50,6 +50,7 @@ impl Neg for Avx2 {
 }
 
 impl Number for Avx2 {
+    const SQUARED_STEP: f64 = 1e-7;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         Self::fill(x as f32)
@@ -133,6 +134,13 @@ impl Lanes for Avx2 {
                 _mm256_add_ps(_mm256_permute2f128_ps::<0x20>(a, b), _mm256_permute2f128_ps::<0x31>(a, b)),
                 _mm256_add_ps(_mm256_permute2f128_ps::<0x20>(c, d), _mm256_permute2f128_ps::<0x31>(c, d)),
             )
+        }
+    }
+    #[inline(always)]
+    fn fourth_of_group(self) -> Self {
+        // SAFETY: see [`Avx2`].
+        unsafe {
+            Self(_mm256_permute_ps::<0b11_11_11_11>(self.0), _mm256_permute_ps::<0b11_11_11_11>(self.1))
         }
     }
     #[inline(always)]

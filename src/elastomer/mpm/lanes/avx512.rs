@@ -50,6 +50,7 @@ impl Neg for Avx512 {
 }
 
 impl Number for Avx512 {
+    const SQUARED_STEP: f64 = 1e-7;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         op!(_mm512_set1_ps(x as f32))
@@ -124,6 +125,10 @@ impl Lanes for Avx512 {
                 _mm512_shuffle_f32x4::<0b11_01_11_01>(ab, cd),
             )
         })
+    }
+    #[inline(always)]
+    fn fourth_of_group(self) -> Self {
+        op!(_mm512_permute_ps::<0b11_11_11_11>(self.0))
     }
     #[inline(always)]
     fn transpose(rows: &mut [Self; WIDTH]) {

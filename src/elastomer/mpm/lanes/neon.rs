@@ -53,6 +53,7 @@ impl Neg for Neon {
 }
 
 impl Number for Neon {
+    const SQUARED_STEP: f64 = 1e-7;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         Self::fill(x as f32)
@@ -126,6 +127,11 @@ impl Lanes for Neon {
         // SAFETY: NEON belongs to the baseline of aarch64.
         let sum = |x: Self| unsafe { vaddq_f32(vaddq_f32(x.0[0], x.0[2]), vaddq_f32(x.0[1], x.0[3])) };
         Self([sum(a), sum(b), sum(c), sum(d)])
+    }
+    #[inline(always)]
+    fn fourth_of_group(self) -> Self {
+        let a = self;
+        each!(|a| vdupq_laneq_f32::<3>(a))
     }
     #[inline(always)]
     fn transpose(rows: &mut [Self; WIDTH]) {

@@ -47,6 +47,7 @@ impl Neg for Portable {
 }
 
 impl Number for Portable {
+    const SQUARED_STEP: f64 = 1e-7;
     #[inline(always)]
     fn splat(x: f64) -> Self {
         Self([x as f32; WIDTH])
@@ -112,6 +113,10 @@ impl Lanes for Portable {
             let x = &of[i / 4];
             (x[i % 4] + x[4 + i % 4]) + (x[8 + i % 4] + x[12 + i % 4])
         }))
+    }
+    #[inline(always)]
+    fn fourth_of_group(self) -> Self {
+        Self(std::array::from_fn(|i| self.0[i / 4 * 4 + 3]))
     }
     #[inline(always)]
     fn transpose(rows: &mut [Self; WIDTH]) {
