@@ -227,10 +227,15 @@ impl Body {
             .par_iter_mut()
             .zip(&mut self.tiles)
             .zip(&self.grid.places)
-            .map(|((bin, tile), place)| match tile {
-                Some(tile) => isa.run(Pass { place, nodes, bin, tile, elastic, base, advance }),
-                None => Report::default(),
-            })
+            .map_init(
+                || Box::new(Tile::zero()),
+                |velocities, ((bin, tile), place)| match tile {
+                    Some(tile) => {
+                        isa.run(Pass { place, nodes, bin, tile, velocities, elastic, base, advance })
+                    }
+                    None => Report::default(),
+                },
+            )
             .collect();
         let first = |which: fn(&Report) -> Option<u32>| reports.iter().filter_map(which).min();
         for (particle, what) in [(first(|r| r.runaway), RUNAWAY), (first(|r| r.crushed), CRUSHED)] {
