@@ -13,15 +13,35 @@ pub mod capture;
 pub mod material;
 pub mod mpm;
 pub mod pad;
+pub mod quasi_static;
 pub mod settings;
 
 pub use capture::{ContactForces, ElastomerCapture, SolverStats, Surface};
 pub use material::{Law, Material};
 pub use mpm::ExplicitSolver;
 pub use pad::{Pad, PadShape};
+pub use quasi_static::QuasiStaticSolver;
 pub use settings::{Friction, Mode, Settings};
 
+use crate::indenter::Indenter;
 use crate::pose::Pose;
+use std::sync::Arc;
+
+/// A pad at rest with the indenter at `start`, solved as the settings say.
+///
+/// # Errors
+/// When a setting makes no sense together with the pad.
+pub fn solver(
+    pad: &Pad,
+    settings: &Settings,
+    indenter: Arc<dyn Indenter>,
+    start: &Pose,
+) -> Result<Box<dyn Elastomer>, Error> {
+    match settings.mode {
+        Mode::QuasiStatic => Ok(Box::new(QuasiStaticSolver::new(pad, settings, indenter, start)?)),
+        Mode::Mpm | Mode::Impm => Ok(Box::new(ExplicitSolver::new(pad, settings, indenter, start)?)),
+    }
+}
 
 /// A deforming pad that follows one indenter.
 pub trait Elastomer: Send {

@@ -2,8 +2,23 @@
 //!
 //! The frame of an indenter has its lowest point (the tip) at the origin's height and its body
 //! towards +z; x and y are those of the pad at zero rotation. Points are `DVec3` in mm.
+//!
+//! [`spec`] is the file format, [`build`](mod@self) makes a [`solid`] of plane [`outline`]s from it,
+//! [`stl`] loads a mesh instead. Whoever needs an indenter calls [`from_spec`].
 
-use glam::DVec3;
+mod build;
+pub mod outline;
+pub mod solid;
+pub mod spec;
+pub mod stl;
+
+pub use spec::IndenterSpec;
+
+use crate::problem::{Problem, Problems};
+use glam::{DVec2, DVec3};
+use solid::Solid;
+use spec::Shape;
+use std::sync::Arc;
 
 /// A rigid indenter.
 pub trait Indenter: Send + Sync + std::fmt::Debug {
@@ -23,3 +38,115 @@ pub trait Indenter: Send + Sync + std::fmt::Debug {
     /// Height of the body's lower surface above the tip plane at (x, y), mm; `None` beside the body.
     fn lower_surface(&self, x_mm: f64, y_mm: f64) -> Option<f64>;
 }
+
+/// Why an indenter could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// Numbers in the file make no sense.
+    #[error("indenter {name}: {}", list(.problems))]
+    Spec {
+        /// Which.
+        name: String,
+        /// Everything that is wrong.
+        problems: Vec<Problem>,
+    },
+    /// The round is wider than the narrowest body it has to fit into.
+    #[error(
+        "indenter {name}: its edges cannot be rounded by {edge_round_mm} mm, the body is too narrow; choose edge_round_mm below {largest_mm:.3} or a wider body"
+    )]
+    RoundTooLarge {
+        /// Which.
+        name: String,
+        /// The round asked for.
+        edge_round_mm: f64,
+        /// The largest that fits.
+        largest_mm: f64,
+    },
+    /// The mesh is defective.
+    #[error("indenter {name}: {source}")]
+    Stl {
+        /// Which.
+        name: String,
+        /// File and defect.
+        source: stl::Error,
+    },
+    /// Rounding is a property of parametric solids.
+    #[error(
+        "indenter {name}: the edges of a mesh cannot be rounded (edge_round_mm = {edge_round_mm}); round them in the STL file and set edge_round_mm = 0 for this indenter"
+    )]
+    RoundOnMesh {
+        /// Which.
+        name: String,
+        /// The round asked for.
+        edge_round_mm: f64,
+    },
+}
+
+fn list(problems: &[Problem]) -> String {
+    let line = |p: &Problem| format!("{} = {} (allowed: {}; {})", p.key, p.value, p.allowed, p.next);
+    problems.iter().map(line).collect::<Vec<_>>().join("; ")
+}
+
+/// Makes an indenter from its file; `edge_round_mm` replaces the file's own where it is given.
+///
+/// # Errors
+/// When the spec does not pass its check, the round does not fit, or the mesh is no closed solid.
+pub fn from_spec(
+    name: &str,
+    spec: &IndenterSpec,
+    edge_round_mm: Option<f64>,
+) -> Result<Arc<dyn Indenter>, Error> {
+    let mut spec = spec.clone();
+    spec.edge_round_mm = edge_round_mm.unwrap_or(spec.edge_round_mm);
+    let mut problems = Problems::new();
+    spec.check(&mut problems);
+    if !problems.is_empty() {
+        return Err(Error::Spec { name: name.to_owned(), problems: problems.into_vec() });
+    }
+    if let Shape::Stl { path, unit, tip, centre } = &spec.shape {
+        if spec.edge_round_mm > 0.0 {
+            return Err(Error::RoundOnMesh { name: name.to_owned(), edge_round_mm: spec.edge_round_mm });
+        }
+        let mesh = stl::load(name, path, *unit, *tip, *centre);
+        return Ok(Arc::new(mesh.map_err(|source| Error::Stl { name: name.to_owned(), source })?));
+    }
+    let solid = build::solid(&spec, spec.edge_round_mm).map_err(|e| Error::RoundTooLarge {
+        name: name.to_owned(),
+        edge_round_mm: spec.edge_round_mm,
+        largest_mm: e.largest_mm,
+    })?;
+    Ok(Arc::new(Parametric { name: name.to_owned(), half_extent: solid.half_extent(), solid }))
+}
+
+/// An indenter made of swept outlines.
+#[derive(Debug)]
+struct Parametric {
+    name: String,
+    solid: Solid,
+    half_extent: DVec2,
+}
+
+impl Indenter for Parametric {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn distance(&self, p: DVec3) -> f64 {
+        self.solid.distance_and_normal(p).0
+    }
+
+    fn distance_and_normal(&self, p: DVec3) -> (f64, DVec3) {
+        self.solid.distance_and_normal(p)
+    }
+
+    fn half_extent_mm(&self) -> [f64; 2] {
+        self.half_extent.into()
+    }
+
+    fn lower_surface(&self, x_mm: f64, y_mm: f64) -> Option<f64> {
+        self.solid.lower_surface(DVec2::new(x_mm, y_mm))
+    }
+}
+
+#[cfg(test)]
+mod tests;

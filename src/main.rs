@@ -1,3 +1,5 @@
-//! The `twinrig` program.
+//! The `twinrig` program: parse arguments, start logging, dispatch, exit with a stated code.
 
-fn main() {}
+fn main() -> std::process::ExitCode {
+    twinrig::cli::main()
+}

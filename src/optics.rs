@@ -2,8 +2,9 @@
 //!
 //! A [`Scene`] is a pad surface, a housing, perhaps a clear plate, lights and a camera. The
 //! [`reference`] renderer estimates its picture by path tracing, unbiased up to the scene's event
-//! limit; it judges every faster method. What a sensor is made of is data ([`sensor`]), and what
-//! a camera makes of linear light is a stage of its own ([`exposure`]).
+//! limit; it judges every faster method. What a sensor is made of is data ([`sensor`], built by
+//! [`sensor_scene`]), and what a camera makes of linear light is a stage of its own ([`imaging`]).
+//! [`imager`] puts them together: surface in, 8-bit picture and depth map out.
 //!
 //! Who else shares the work: the twin brings surfaces and keeps pictures; the elastomer is unknown here.
 //!
@@ -15,13 +16,27 @@
 //!
 //! What it does not do: subsurface scattering, spectra, polarisation, motion blur.
 
+pub mod accel;
 pub mod bench_scene;
+pub mod bsdf;
 pub mod camera;
+pub mod emitter;
 pub mod film;
+pub mod ggx;
+pub mod imager;
+pub mod imaging;
+pub mod irradiance;
 pub mod light;
 pub mod material;
 pub mod mesh;
+pub mod noise;
+pub mod reference;
+pub mod render_file;
+pub mod sampler;
 pub mod scene;
+pub mod sensor;
+pub mod sensor_scene;
+pub mod surface;
 pub mod texture;
 
 pub use camera::Camera;
@@ -30,6 +45,8 @@ pub use light::{Light, LightShape};
 pub use material::{Albedo, Material};
 pub use mesh::Mesh;
 pub use scene::{Role, Scene, Surface};
+pub use sensor::SensorOptics;
+pub use surface::DisplacedSurface;
 pub use texture::Texture;
 
 use glam::Vec3;

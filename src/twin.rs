@@ -1,3 +1,87 @@
 //! The twin: our physical model of the rig, following the same trajectory.
+//!
+//! It turns a trajectory into simulated captures: [`branches`] finds what paths have in common,
+//! [`simulate`] walks them with an elastomer, [`view`] makes the picture and the depth map that the
+//! sensor's camera would give. It knows motion, elastomer and optics; it opens no device and no file.
+//!
+//! What it leaves out: the indenter's own colour (the coating is opaque), heat, creep, dust.
 
 pub mod branches;
+pub mod simulate;
+pub mod view;
+
+pub use simulate::{Deformed, Model, Outcome, Walk};
+pub use view::{Picture, View, Wear};
+
+use crate::elastomer::ElastomerCapture;
+use crate::image;
+use crate::optics;
+use serde::{Deserialize, Serialize};
+
+/// Which poses the twin follows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FollowedPoses {
+    /// Those of the plan.
+    #[default]
+    Commanded,
+    /// Those the bench reported.
+    Measured,
+}
+
+impl FollowedPoses {
+    /// Its name as files write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            FollowedPoses::Commanded => "commanded",
+            FollowedPoses::Measured => "measured",
+        }
+    }
+}
+
+/// Everything the twin needs.
+#[derive(Debug)]
+pub struct Twin {
+    /// Pad, solver settings, indenters.
+    pub model: Model,
+    /// Camera, lights, picture.
+    pub view: View,
+    /// Which poses to follow.
+    pub follow: FollowedPoses,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// The cores it works on.
+    pub pool: rayon::ThreadPool,
+}
+
+impl Twin {
+    /// Gets ready to wear a picture of the untouched sensor (or none).
+    pub fn wear(&self, untouched: Option<&image::Picture>) -> Result<Wear, optics::Error> {
+        self.view.wear(untouched, &self.model.pad)
+    }
+
+    /// The picture of a deformed pad; `capture` numbers it, so that each has its own noise.
+    pub fn picture(
+        &self,
+        pad: &ElastomerCapture,
+        wear: &Wear,
+        capture: u32,
+    ) -> Result<Picture, optics::Error> {
+        self.view.picture(pad, wear, capture)
+    }
+
+    /// Lattice on which the pad's face is sampled for pictures.
+    pub fn lattice_for_pictures(&self) -> [usize; 2] {
+        self.model.settings.surface
+    }
+
+    /// Name of the optics mode, for the record.
+    pub fn optics_mode(&self) -> String {
+        self.view.mode_name().into()
+    }
+
+    /// Samples per pixel, where that is what was chosen.
+    pub fn samples(&self) -> Option<u32> {
+        self.view.samples()
+    }
+}

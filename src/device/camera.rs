@@ -2,6 +2,23 @@
 //!
 //! A buffered frame from before the press is the classic silent fault of such benches, so a source
 //! never counts frames: it compares exposure stamps. What a frame is: [`crate::frame::Frame`].
+//!
+//! Sources: [`v4l`] (Linux, all proof there is), [`nokhwa`] (portable, less proof), [`replay`] (a folder of
+//! images) and, beside the virtual world it sees, [`crate::device::virtual_bench::camera`].
+//! [`open`] makes one ready from a rig file's [`settings`]; [`list`] says what is connected.
+
+pub mod averaged;
+pub mod controls;
+pub mod formats;
+pub mod list;
+#[cfg(any(target_os = "linux", target_os = "macos", target_os = "windows"))]
+pub mod nokhwa;
+pub mod open;
+mod queue;
+pub mod replay;
+pub mod settings;
+#[cfg(target_os = "linux")]
+pub mod v4l;
 
 use crate::clock::Timestamp;
 use crate::frame::Frame;
@@ -23,7 +40,7 @@ pub trait Camera: Send {
 }
 
 /// What is recorded about a camera.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct CameraDescription {
     /// `v4l`, `nokhwa`, `virtual` or `replay`.
     pub source: String,
@@ -97,6 +114,16 @@ pub enum CameraError {
         camera: String,
         /// The system's reason.
         why: String,
+    },
+    /// The recording has no more frames.
+    #[error(
+        "camera {camera}: all {frames} recorded frames have been served; record more, or set [camera.replay] repeat = true"
+    )]
+    Ended {
+        /// Which recording.
+        camera: String,
+        /// How many it holds.
+        frames: usize,
     },
     /// A frame could not be decoded.
     #[error("camera {camera}: frame {sequence} in format {fourcc} cannot be decoded: {why}")]

@@ -14,6 +14,7 @@ pub enum Law {
 
 /// An isotropic hyperelastic material.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Material {
     /// Stored energy.
     pub law: Law,

@@ -28,6 +28,7 @@ pub enum PadShape {
 
 /// A bonded elastic pad. The contact face is z = 0 at its centre, the backing lies below.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Pad {
     /// Outline.
     pub shape: PadShape,

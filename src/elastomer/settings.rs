@@ -115,7 +115,7 @@ pub enum Base {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            mode: Mode::Impm,
+            mode: Mode::QuasiStatic,
             law: None,
             youngs_modulus_mpa: None,
             poisson_ratio: None,

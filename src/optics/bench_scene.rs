@@ -87,7 +87,7 @@ pub fn parse(text: &str, variant: Variant) -> Result<Scene, Error> {
         Surface {
             name: "box".to_owned(),
             role: Role::Housing,
-            mesh: Arc::new(open_box(&file.walls)),
+            mesh: Arc::new(file.walls.mesh()),
             material: Material::Lambert { albedo: Albedo::grey(file.walls.albedo) },
         },
     ];
@@ -112,24 +112,6 @@ pub fn parse(text: &str, variant: Variant) -> Result<Scene, Error> {
     };
     scene.check()?;
     Ok(scene)
-}
-
-/// Walls and ceiling; no floor, the pad closes the box. Normals point inwards.
-fn open_box(b: &BoxFile) -> Mesh {
-    let (min, max) = (Vec3::new(b.x[0], b.y[0], b.z[0]), Vec3::new(b.x[1], b.y[1], b.z[1]));
-    let s = max - min;
-    let (x, y, z) = (Vec3::X * s.x, Vec3::Y * s.y, Vec3::Z * s.z);
-    let mut mesh = Mesh::default();
-    for face in [
-        Mesh::parallelogram(min, y, z),
-        Mesh::parallelogram(min + x, z, y),
-        Mesh::parallelogram(min, z, x),
-        Mesh::parallelogram(min + y, x, z),
-        Mesh::parallelogram(min + z, y, x),
-    ] {
-        mesh.append(&face);
-    }
-    mesh
 }
 
 /// The texture of variant At: dark dots at 2 mm pitch on a wavy ground, on the 20 x 15 mm pad.
@@ -213,6 +195,13 @@ struct BoxFile {
     y: [f32; 2],
     z: [f32; 2],
     albedo: f32,
+}
+
+impl BoxFile {
+    /// Walls and ceiling; no floor, the pad closes the box.
+    fn mesh(&self) -> Mesh {
+        Mesh::open_box(Vec3::new(self.x[0], self.y[0], self.z[0]), Vec3::new(self.x[1], self.y[1], self.z[1]))
+    }
 }
 
 #[derive(Deserialize)]

@@ -1,6 +1,7 @@
 //! Linear pictures: float RGB, row 0 on top, and how they are written.
 
 use super::Error;
+use crate::image::npy;
 use glam::Vec3;
 use std::path::Path;
 
@@ -49,18 +50,7 @@ impl Film {
 
     /// The picture as an npy file: float32, shape (height, width, 3), C order, little endian.
     pub fn to_npy(&self) -> Vec<u8> {
-        let dict = format!(
-            "{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}, 3), }}",
-            self.height, self.width
-        );
-        // Magic, version 1.0, header length; the header is padded so that the data starts at a multiple of 64.
-        let padded = (10 + dict.len() + 1).next_multiple_of(64) - 10;
-        let mut bytes = Vec::with_capacity(10 + padded + self.pixels.len() * 12);
-        bytes.extend_from_slice(b"\x93NUMPY\x01\x00");
-        bytes.extend_from_slice(&(padded as u16).to_le_bytes());
-        bytes.extend_from_slice(format!("{dict:<width$}\n", width = padded - 1).as_bytes());
-        bytes.extend(self.pixels.iter().flat_map(|p| p.to_array()).flat_map(f32::to_le_bytes));
-        bytes
+        npy::encode(self.height, self.width, &self.pixels)
     }
 
     /// Reads what [`Film::to_npy`] writes (and NumPy's own float32 (h, w, 3) arrays).

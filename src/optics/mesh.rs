@@ -71,6 +71,24 @@ impl Mesh {
         mesh
     }
 
+    /// Four walls and the face at the largest z of an axis-aligned box, normals inwards; no face at the
+    /// smallest z.
+    pub fn open_box(min: Vec3, max: Vec3) -> Self {
+        let s = max - min;
+        let (x, y, z) = (Vec3::X * s.x, Vec3::Y * s.y, Vec3::Z * s.z);
+        let mut mesh = Mesh::default();
+        for face in [
+            Mesh::parallelogram(min, y, z),
+            Mesh::parallelogram(min + x, z, y),
+            Mesh::parallelogram(min, z, x),
+            Mesh::parallelogram(min + y, x, z),
+            Mesh::parallelogram(min + z, y, x),
+        ] {
+            mesh.append(&face);
+        }
+        mesh
+    }
+
     /// The corners of triangle `k`.
     pub fn corners(&self, k: usize) -> [Vec3; 3] {
         self.triangles[k].map(|i| self.positions[i as usize])

@@ -104,6 +104,7 @@ impl Check<'_> {
         self.motion();
         self.procedures();
         self.faults();
+        self.dialogues();
         for (i, vector) in spec.vector.iter().enumerate() {
             let at = i.to_string();
             if let Some(cmd) = &vector.cmd {
@@ -118,6 +119,23 @@ impl Check<'_> {
         }
     }
 
+    fn dialogues(&mut self) {
+        let spec = self.spec;
+        for (i, dialogue) in spec.dialogue.iter().enumerate() {
+            for (j, turn) in dialogue.turns.iter().enumerate() {
+                let (at, turn_at) = (i.to_string(), j.to_string());
+                let path = ["dialogue", at.as_str(), "turns", turn_at.as_str()];
+                if let Some(cmd) = &turn.cmd {
+                    self.command(&path, cmd);
+                }
+                let known = ["done", "refused", "failed", "pending"];
+                if let Some(ends) = turn.ends.as_ref().filter(|e| !known.contains(&e.as_str())) {
+                    self.push(&path, format!("ends \"{ends}\" is not one of {}", known.join(", ")));
+                }
+            }
+        }
+    }
+
     fn flow(&mut self) {
         let spec = self.spec;
         if spec.flow.mode == FlowMode::CharCount && spec.flow.window_bytes.is_none() {
@@ -127,11 +145,18 @@ impl Check<'_> {
         if spec.flow.mode == FlowMode::IdMatched && spec.flow.id.is_none() {
             self.push(&["flow", "mode"], "matched ids need [flow.id]".to_owned());
         }
+        if let Some(name) = &spec.flow.resync {
+            self.command(&["flow", "resync"], name);
+        }
+        if let Some(reset) = &spec.flow.reset {
+            self.realtime(&["flow", "reset"], reset);
+        }
         if let Some(banner) = &spec.flow.after_reset {
             self.class(&["flow", "after_reset"], banner);
         }
         if let Some(numbering) = spec.line.as_ref().and_then(|l| l.numbering.as_ref()) {
             self.class(&["line", "numbering", "resend"], &numbering.resend);
+            self.command(&["line", "numbering", "reset"], &numbering.reset);
         }
         if let Some(keepalive) = &spec.keepalive {
             self.command(&["keepalive", "command"], &keepalive.command);
@@ -163,6 +188,9 @@ impl Check<'_> {
             match cmd.reply.as_str() {
                 "ack" | "none" => {}
                 class => self.class(&path, class),
+            }
+            if let Some(class) = &cmd.needs {
+                self.class(&["cmd", name, "needs"], class);
             }
             let binary = !cmd.header.is_empty() || !cmd.payload.is_empty();
             if spec.is_line() && (cmd.tx.is_none() || binary) {

@@ -200,7 +200,7 @@ pub struct Step {
     /// How often the step is begun again when its time is up.
     #[serde(default)]
     pub retry: u32,
-    /// Going on when the time is up is right, too.
+    /// Going on when the time is up, or when the device refuses, is right, too.
     #[serde(default)]
     pub optional: bool,
     /// The device answers nothing while this runs: do not ask it anything.
@@ -241,6 +241,9 @@ pub struct Fault {
     /// What it does to the trust in positions.
     #[serde(default)]
     pub trust: Trust,
+    /// The device answers nothing until it is reset.
+    #[serde(default)]
+    pub mutes: bool,
     /// Steps of `[recover]` that make the device usable again.
     pub recover: Option<String>,
 }

@@ -28,6 +28,8 @@ pub struct CommandSpec {
     /// Roles or classes whose fields are kept for the caller.
     #[serde(default)]
     pub collect: Vec<String>,
+    /// Class without which an `ack` cannot be this command's: it belongs to an earlier one, or is doubled.
+    pub needs: Option<String>,
     /// States it may be sent in; any when empty.
     #[serde(default)]
     pub pre: Vec<MotionState>,
@@ -120,8 +122,20 @@ pub struct RxSpec {
     /// A refusal after which the device still sends an `ack` for the same line.
     #[serde(default)]
     pub ack_follows: bool,
+    /// The class describes entries of a table of the device's own: fields `code`, `title`, `text`.
+    pub learns: Option<FaultTable>,
     /// Command to send at once (it bypasses the queue), such as the empty line that clears a latched error.
     pub then: Option<String>,
+}
+
+/// A table of faults.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FaultTable {
+    /// `[errors]`.
+    Errors,
+    /// `[alarms]`.
+    Alarms,
 }
 
 /// What a class means for the dialogue.

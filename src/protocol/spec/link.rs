@@ -2,7 +2,7 @@
 
 use crate::protocol::checksum::ChecksumKind;
 use crate::protocol::template::Template;
-use crate::protocol::value::{Bytes, Pattern};
+use crate::protocol::value::{Bytes, Fields, Pattern};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
 
@@ -136,8 +136,8 @@ pub enum ChecksumRx {
 pub struct Numbering {
     /// A numbered line, from `{n}` and `{body}`.
     pub line: Template,
-    /// Body of the line that sets the counter to `{n}`; sent as line `{n}`.
-    pub reset: Template,
+    /// Command that sets the counter to its field `n`; sent as line `n`.
+    pub reset: String,
     /// Class that asks for a line again.
     pub resend: String,
     /// Its group that names the line.
@@ -311,8 +311,13 @@ pub struct FlowSpec {
     pub mode: FlowMode,
     /// Bytes that may be unacknowledged, for `char_count`.
     pub window_bytes: Option<usize>,
+    /// Real-time bytes that reset the device.
+    pub reset: Option<String>,
     /// The banner's class: after a reset every reply is ignored until it comes.
     pub after_reset: Option<String>,
+    /// A harmless command that `needs` data of its own: sent after a lost reply, so that a late reply
+    /// cannot be taken for the next command's.
+    pub resync: Option<String>,
     /// Message ids, for `id_matched`.
     pub id: Option<MessageId>,
 }
@@ -343,6 +348,8 @@ pub struct MessageId {
     pub min: u32,
     /// Last id before it begins again.
     pub max: u32,
+    /// The id of stops.
+    pub urgent: u32,
 }
 
 /// `[axis]`: how an axis is named and how its numbers are written.
@@ -351,6 +358,9 @@ pub struct MessageId {
 pub struct AxisSpec {
     /// What a rig file's `wire` must match; its named groups are fields of templates.
     pub wire: Pattern,
+    /// Fields where a command concerns the device as a whole.
+    #[serde(default)]
+    pub device_fields: Fields,
     /// Order of axes in lists, by wire name.
     #[serde(default)]
     pub order: Vec<String>,

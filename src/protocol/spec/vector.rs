@@ -52,6 +52,6 @@ pub struct Turn {
     pub tx: Option<Bytes>,
     /// These bytes come in.
     pub rx: Option<Bytes>,
-    /// The last command ends like this: `done`, `refused`, or `pending`.
+    /// The last command ends like this: `done`, `refused`, `failed`, or `pending`.
     pub ends: Option<String>,
 }

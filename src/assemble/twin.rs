@@ -1,0 +1,63 @@
+//! A twin from its configuration.
+
+use crate::config::{OpticsMode, Setup, TwinPoses};
+use crate::optics::reference;
+use crate::twin::{FollowedPoses, Model, Twin, View};
+use std::collections::BTreeMap;
+
+/// Why there can be no twin.
+#[derive(Debug, thiserror::Error)]
+pub enum TwinError {
+    /// Nothing says which sensor.
+    #[error("this rig names no sensor of its own; give a plan, which names one")]
+    NoSensor,
+    /// The system refused threads.
+    #[error("the twin's threads cannot be started: {0}; lower twin.threads")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+    /// The rendering mode does not exist.
+    #[error("optics.mode = \"fast\" is not part of this build; set optics.mode = \"reference\"")]
+    NoFastOptics,
+}
+
+/// The twin of a setup.
+pub fn twin(setup: &Setup) -> Result<Twin, TwinError> {
+    let sensor = setup.sensor.as_ref().ok_or(TwinError::NoSensor)?;
+    let (rig, optics) = (&setup.rig, setup.rig.optics);
+    if optics.mode == OpticsMode::Fast {
+        return Err(TwinError::NoFastOptics);
+    }
+    let indenters = setup.plan.as_ref().map_or_else(BTreeMap::new, |p| p.bodies());
+    Ok(Twin {
+        model: Model { pad: sensor.pad.clone(), settings: rig.elastomer.clone(), indenters },
+        view: View {
+            sensor: sensor.optics.clone(),
+            settings: reference::Settings { samples: optics.samples, seed: optics.seed },
+        },
+        follow: match rig.twin.poses {
+            TwinPoses::Commanded => FollowedPoses::Commanded,
+            TwinPoses::Measured => FollowedPoses::Measured,
+        },
+        seed: u64::from(optics.seed),
+        pool: pool(rig.twin.threads)?,
+    })
+}
+
+/// Threads that give way: whoever drives motors and cameras comes first.
+fn pool(threads: Option<u32>) -> Result<rayon::ThreadPool, rayon::ThreadPoolBuildError> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.map_or(0, |n| n as usize))
+        .thread_name(|i| format!("twin-{i}"))
+        .start_handler(|_| give_way())
+        .build()
+}
+
+/// Lowers the priority of the calling thread. A system that refuses leaves it as it was.
+fn give_way() {
+    #[cfg(target_os = "linux")]
+    {
+        let thread = rustix::thread::gettid();
+        if let Err(e) = rustix::process::setpriority_process(Some(thread), 10) {
+            tracing::debug!("a simulation thread keeps its priority: {e}");
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! Opening a bench for a command that uses it and puts it back: load, assemble, catch signals.
+
+use super::exit::Exit;
+use super::screen;
+use super::signals::Signals;
+use crate::assemble::{self, Assembled, BenchOptions};
+use crate::config::Setup;
+use crate::session::{BenchError, StopLevel, StopSwitch};
+use std::path::Path;
+
+/// A bench at hand.
+pub struct AtBench {
+    /// What was loaded.
+    pub setup: Setup,
+    /// What was assembled.
+    pub assembled: Assembled,
+    /// Which signal arrived, if one did.
+    pub signals: Signals,
+}
+
+impl AtBench {
+    /// Loads the files, opens the devices, verifies who they are. On failure the error has been printed.
+    pub async fn open(rig: &Path, plan: Option<&Path>, set: &[String], speed: f64) -> Result<AtBench, Exit> {
+        let setup = crate::config::load(rig, plan, set).map_err(|e| {
+            screen::error(e);
+            Exit::Refused
+        })?;
+        let stop = StopSwitch::new();
+        let signals = Signals::listen(stop.clone()).map_err(|e| {
+            screen::error(format_args!("signals cannot be caught: {e}"));
+            Exit::Failed
+        })?;
+        let options = BenchOptions { speed, logs: None };
+        let assembled = assemble::bench(&setup, &options, stop).await.map_err(|e| {
+            screen::error(&e);
+            match e {
+                assemble::BenchError::RealTimeOnly { .. } => Exit::Refused,
+                _ => Exit::Failed,
+            }
+        })?;
+        Ok(AtBench { setup, assembled, signals })
+    }
+
+    /// Turns the result of motion into an exit code: on failure everything is stopped first.
+    pub fn finish(self, result: Result<(), BenchError>) -> Exit {
+        match result {
+            Ok(()) => self.signals.exit().unwrap_or(Exit::Done),
+            Err(e) => {
+                self.assembled.bench.stop.raise(StopLevel::Controlled);
+                if self.signals.exit().is_none() {
+                    screen::error(e);
+                }
+                self.signals.exit().unwrap_or(Exit::Failed)
+            }
+        }
+    }
+}
+
+/// Where the bench is, as a document.
+pub async fn whereabouts(bench: &mut crate::session::Bench) -> Result<serde_json::Value, BenchError> {
+    let (pose, positions) = bench.measured().await?;
+    let axes: Vec<_> = positions
+        .iter()
+        .map(|(device, axis, position)| serde_json::json!({ "device": device, "axis": axis, "position": position }))
+        .collect();
+    Ok(serde_json::json!({ "pose": pose, "axes": axes }))
+}
+
+/// Prints where the bench is.
+pub fn show(place: &serde_json::Value, json: bool) {
+    if json {
+        screen::json(place);
+        return;
+    }
+    let coordinate = |name: &str| place["pose"][name].as_f64().unwrap_or(f64::NAN);
+    screen::result(format_args!(
+        "x {:.3} y {:.3} z {:.3} mm, {:.2} deg (relative to the nominal contact)",
+        coordinate("x_mm"),
+        coordinate("y_mm"),
+        coordinate("z_mm"),
+        coordinate("theta_deg")
+    ));
+    for axis in place["axes"].as_array().into_iter().flatten() {
+        screen::result(format_args!(
+            "  {} {} at {}",
+            axis["device"].as_str().unwrap_or(""),
+            axis["axis"].as_str().unwrap_or(""),
+            axis["position"]
+        ));
+    }
+}

@@ -1,0 +1,86 @@
+//! `twinrig emulate PROTOCOL --link PATH`: a firmware emulator for other people's clients.
+//!
+//! Opens a pseudo-terminal, links its far end at PATH, and answers there as the firmware would, in its own
+//! time, until it is interrupted. PROTOCOL is the name of a shipped protocol (`grbl`, `marlin`, ...) or the
+//! path of a protocol file with an `[emulator]` table.
+
+use super::exit::Exit;
+use super::options::Speed;
+use super::screen;
+use super::signals::Signals;
+use crate::clock::Clock;
+use crate::device::virtual_bench::serve::pty::{PortOptions, serve_port};
+use crate::device::virtual_bench::{Emulator, EmulatorOptions, Faulty, World};
+use crate::session::StopSwitch;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+
+/// Serve a firmware emulator on a pseudo-terminal
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  twinrig emulate marlin --link /tmp/printer\n  twinrig emulate grbl --link /tmp/stage --speed 10\n  twinrig emulate ./my_stage.toml --link /tmp/mine"
+)]
+pub struct Args {
+    /// Name of a shipped protocol, or path of a protocol file
+    pub protocol: String,
+    /// Where to link the pseudo-terminal
+    #[arg(long, value_name = "PATH")]
+    pub link: PathBuf,
+    #[command(flatten)]
+    pub speed: Speed,
+}
+
+impl Args {
+    /// Runs the subcommand.
+    pub async fn run(self) -> Exit {
+        let spec = match crate::config::protocol(&self.protocol) {
+            Ok(spec) => spec,
+            Err(e) => {
+                screen::error(e);
+                return Exit::Refused;
+            }
+        };
+        let Some(described) = &spec.emulator else {
+            screen::error(format_args!(
+                "protocol {} has no [emulator] table; add one to the file",
+                self.protocol
+            ));
+            return Exit::Refused;
+        };
+        let clock = Clock::with_speed(self.speed.speed);
+        let options = EmulatorOptions::default();
+        let world = World::without_pad();
+        let emulator =
+            match Emulator::new(described, "emulated", &BTreeMap::new(), &options, world, clock.now()) {
+                Ok(emulator) => emulator,
+                Err(e) => {
+                    screen::error(e);
+                    return Exit::Refused;
+                }
+            };
+        let device = Arc::new(Mutex::new(Faulty::sound(emulator, clock.now())));
+        let signals = match Signals::listen(StopSwitch::new()) {
+            Ok(signals) => signals,
+            Err(e) => {
+                screen::error(format_args!("signals cannot be caught: {e}"));
+                return Exit::Failed;
+            }
+        };
+        let options = PortOptions { link: Some(self.link.clone()), reset_on_open: false };
+        let served = serve_port(&device, clock, &options, |path| {
+            screen::result(format_args!("{} answers at {}", self.protocol, path.display()));
+        });
+        tokio::select! {
+            served = served => match served {
+                Ok(_) => Exit::Done,
+                Err(e) => {
+                    screen::error(format_args!("{}: {e}; choose another --link", self.link.display()));
+                    Exit::Failed
+                }
+            },
+            // An emulator is ended by a signal and by nothing else: that is its proper end.
+            () = signals.received() => Exit::Done,
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! `twinrig move RIG --z 5`: go to one pose.
+//!
+//! Coordinates are those of the pad frame, relative to the nominal contact of the rig file; what is not
+//! given stays. The rig is homed first when it does not know where it is and `--home` allows it. Every
+//! limit is checked before a byte is sent, and a pose below the surface needs `--press`.
+
+use super::at_bench::{AtBench, show, whereabouts};
+use super::exit::Exit;
+use super::options::{RigOptions, Speed};
+use super::screen;
+use crate::pose::Pose;
+use crate::session::bench::Feeds;
+
+/// Move to a pose in the pad frame
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  twinrig move rig_configs/virtual.toml --z 5 --home\n  twinrig move rig_configs/virtual.toml --x 1.5 --theta 10 --home"
+)]
+pub struct Args {
+    #[command(flatten)]
+    pub rig: RigOptions,
+    /// To the right in the image, mm
+    #[arg(long, allow_negative_numbers = true)]
+    pub x: Option<f64>,
+    /// Down in the image, mm
+    #[arg(long, allow_negative_numbers = true)]
+    pub y: Option<f64>,
+    /// Height of the tip above the nominal contact, mm
+    #[arg(long, allow_negative_numbers = true)]
+    pub z: Option<f64>,
+    /// Rotation, clockwise in the image, degrees
+    #[arg(long, allow_negative_numbers = true)]
+    pub theta: Option<f64>,
+    /// Feed along lines, mm/s
+    #[arg(long, default_value_t = 2.0)]
+    pub feed: f64,
+    /// Feed of the rotation, deg/s
+    #[arg(long, default_value_t = 10.0)]
+    pub turn: f64,
+    /// Home first if the position is not known
+    #[arg(long)]
+    pub home: bool,
+    /// Allow a height below the nominal contact
+    #[arg(long)]
+    pub press: bool,
+    #[command(flatten)]
+    pub speed: Speed,
+    /// Print the pose reached as one JSON document
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Below the nominal contact a pose needs `--press`.
+const SURFACE_MM: f64 = 0.0;
+
+impl Args {
+    /// Runs the subcommand.
+    pub async fn run(self) -> Exit {
+        if [self.x, self.y, self.z, self.theta].iter().all(Option::is_none) {
+            screen::error("no coordinate was given; add at least one of --x, --y, --z, --theta");
+            return Exit::Refused;
+        }
+        if self.z.is_some_and(|z| z < SURFACE_MM) && !self.press {
+            screen::error(format_args!(
+                "--z {} is below the nominal contact; the indenter would press: add --press if that is meant",
+                self.z.unwrap_or_default()
+            ));
+            return Exit::Refused;
+        }
+        let mut at = match AtBench::open(&self.rig.rig, None, &self.rig.overrides.set, self.speed.speed).await
+        {
+            Ok(at) => at,
+            Err(exit) => return exit,
+        };
+        let bench = &mut at.assembled.bench;
+        let moved = async {
+            if !bench.is_referenced() && self.home {
+                bench.home().await?;
+            }
+            let (from, _) = bench.measured().await?;
+            let to = Pose::new(
+                self.x.unwrap_or(from.x_mm),
+                self.y.unwrap_or(from.y_mm),
+                self.z.unwrap_or(from.z_mm),
+                self.theta.unwrap_or(from.theta_deg),
+            );
+            bench.go(&to, Feeds { mm_s: self.feed, deg_s: self.turn }).await?;
+            show(&whereabouts(bench).await?, self.json);
+            Ok(())
+        };
+        let moved = moved.await;
+        at.finish(moved)
+    }
+}

@@ -1,0 +1,280 @@
+//! `twinrig simulate RIG PLAN --out DIR`: the twin alone.
+//!
+//! Writes `captures.jsonl`, a line for each capture with its pose, the forces, the solver's account and
+//! the seconds it took. With `--surface` the displaced surface of each capture goes to
+//! `surface/<capture>.npy` (float32 [ny][nx][3], mm, pad frame) and nothing is rendered unless `--render`
+//! asks for it too; without `--surface` pictures and depth maps are rendered.
+
+use super::exit::Exit;
+use super::options::RigAndPlan;
+use super::screen;
+use super::signals::Signals;
+use crate::assemble;
+use crate::config::Setup;
+use crate::dataset::depth;
+use crate::image::{npy, png};
+use crate::motion::Trajectory;
+use crate::session::{StopLevel, StopSwitch};
+use crate::twin::branches::grow;
+use crate::twin::{Deformed, Outcome, Picture, Twin, Walk, Wear};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// Run the twin alone and write surfaces, forces and pictures
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  twinrig simulate rig_configs/virtual.toml rig_configs/plans/slip.toml --out /tmp/slip --surface\n  twinrig simulate rig_configs/virtual.toml rig_configs/plans/small.toml --out /tmp/small --captures 0-2 --set elastomer.mode=quasi_static"
+)]
+pub struct Args {
+    #[command(flatten)]
+    pub files: RigAndPlan,
+    /// Folder for the results
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Write the displaced surface of each capture; render nothing unless --render is given too
+    #[arg(long)]
+    pub surface: bool,
+    /// Render pictures and depth maps (the default without --surface)
+    #[arg(long)]
+    pub render: bool,
+    /// Picture of the untouched sensor to wear as texture
+    #[arg(long, value_name = "PNG")]
+    pub background: Option<PathBuf>,
+    /// Only these captures, e.g. 0,4,8-11
+    #[arg(long, value_name = "LIST")]
+    pub captures: Option<String>,
+    /// Print the summary as one JSON document
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl Args {
+    /// Runs the subcommand.
+    pub async fn run(self) -> Exit {
+        let setup =
+            match crate::config::load(&self.files.rig, Some(&self.files.plan), &self.files.overrides.set) {
+                Ok(setup) => setup,
+                Err(e) => {
+                    screen::error(e);
+                    return Exit::Refused;
+                }
+            };
+        let stop = StopSwitch::new();
+        let signals = match Signals::listen(stop.clone()) {
+            Ok(signals) => signals,
+            Err(e) => {
+                screen::error(format_args!("signals cannot be caught: {e}"));
+                return Exit::Failed;
+            }
+        };
+        let cancel = Arc::new(AtomicBool::new(false));
+        tokio::spawn({
+            let cancel = cancel.clone();
+            async move {
+                stop.raised_to(StopLevel::Controlled).await;
+                cancel.store(true, Ordering::Relaxed);
+            }
+        });
+        let json = self.json;
+        let simulated = tokio::task::spawn_blocking(move || self.simulate(&setup, &cancel)).await;
+        match simulated {
+            Ok(Ok(summary)) => {
+                if json {
+                    screen::json(&summary);
+                } else {
+                    screen::result(&summary);
+                }
+                match signals.exit() {
+                    Some(exit) => exit,
+                    None if summary.failed > 0 => Exit::Failed,
+                    None => Exit::Done,
+                }
+            }
+            Ok(Err(e)) => {
+                screen::error(e);
+                Exit::Failed
+            }
+            Err(e) => {
+                screen::error(format_args!("the simulation ended unexpectedly: {e}"));
+                Exit::Failed
+            }
+        }
+    }
+
+    fn simulate(&self, setup: &Setup, cancel: &AtomicBool) -> Result<Summary, SimulateError> {
+        let begun = Instant::now();
+        let plan = setup.plan.as_ref().ok_or(SimulateError::NoPlan)?;
+        let trajectory = &plan.trajectory;
+        let twin = assemble::twin(setup)?;
+        let wanted = self.wanted(trajectory.captures.len() as u32)?;
+        let is_rendered = self.render || !self.surface;
+        let wear = if is_rendered { Some(self.wear(&twin)?) } else { None };
+
+        let write = |path: PathBuf, bytes: Vec<u8>| {
+            std::fs::write(&path, bytes).map_err(|e| SimulateError::Write { path, why: e.to_string() })
+        };
+        let folders = [(true, ""), (self.surface, "surface"), (is_rendered, "sim"), (is_rendered, "depth")];
+        for (_, name) in folders.into_iter().filter(|(needed, _)| *needed) {
+            let path = self.out.join(name);
+            std::fs::create_dir_all(&path).map_err(|e| SimulateError::Write { path, why: e.to_string() })?;
+        }
+
+        let bars = screen::bars();
+        let bar = screen::bar(&bars, "simulated", wanted.len() as u64);
+        let mut lines: BTreeMap<u32, String> = BTreeMap::new();
+        let (mut failed, mut failure) = (0, None);
+        let mut emit = |outcome: Outcome| -> bool {
+            match outcome {
+                Outcome::Failed { captures, error } => {
+                    failed += captures.len();
+                    bar.inc(captures.len() as u64);
+                    bar.suspend(|| screen::warning(format_args!("captures {captures:?}: {error}")));
+                    for capture in captures {
+                        let line = serde_json::json!({ "capture": capture, "status": "failed", "error": error.to_string() });
+                        lines.insert(capture, line.to_string());
+                    }
+                    true
+                }
+                Outcome::Deformed(deformed) => {
+                    let mut store = || -> Result<(), SimulateError> {
+                        let picture = match &wear {
+                            Some(wear) => Some(twin.picture(&deformed.pad, wear, deformed.captures[0])?),
+                            None => None,
+                        };
+                        for capture in &deformed.captures {
+                            let surface = &deformed.pad.surface;
+                            if self.surface {
+                                let bytes = npy::encode(surface.ny, surface.nx, &surface.positions);
+                                write(self.out.join(format!("surface/{capture:06}.npy")), bytes)?;
+                            }
+                            if let Some(picture) = &picture {
+                                write(
+                                    self.out.join(format!("sim/{capture:06}.png")),
+                                    png::encode(&picture.image)?,
+                                )?;
+                                let (w, h) = (picture.image.width, picture.image.height);
+                                write(
+                                    self.out.join(format!("depth/{capture:06}.tiff")),
+                                    depth::encode(w, h, &picture.depth_mm)?,
+                                )?;
+                            }
+                            lines.insert(*capture, line(trajectory, *capture, &deformed, picture.as_ref()));
+                            bar.inc(1);
+                        }
+                        Ok(())
+                    };
+                    store().map_err(|e| failure = Some(e)).is_ok()
+                }
+            }
+        };
+        let roots = grow(trajectory, &wanted, |i| trajectory.waypoints[i].pose);
+        let lattice = twin.model.settings.surface;
+        let mut walk = Walk { model: &twin.model, lattice, cancel, emit: &mut emit };
+        let is_complete = twin.pool.install(|| walk.run(&roots));
+        bar.finish_and_clear();
+        if let Some(e) = failure {
+            return Err(e);
+        }
+        let simulated = lines.len() - failed;
+        let mut text: String = lines.into_values().collect::<Vec<_>>().join("\n");
+        text.push('\n');
+        write(self.out.join("captures.jsonl"), text.into_bytes())?;
+        let seconds = begun.elapsed().as_secs_f64();
+        Ok(Summary { out: self.out.clone(), captures: wanted.len(), simulated, failed, is_complete, seconds })
+    }
+
+    fn wear(&self, twin: &Twin) -> Result<Wear, SimulateError> {
+        let untouched = match &self.background {
+            None => None,
+            Some(path) => {
+                let bytes = std::fs::read(path)
+                    .map_err(|e| SimulateError::Read { path: path.clone(), why: e.to_string() })?;
+                Some(png::decode(&bytes)?)
+            }
+        };
+        Ok(twin.pool.install(|| twin.wear(untouched.as_ref()))?)
+    }
+
+    /// The captures of `--captures`, or all.
+    fn wanted(&self, captures: u32) -> Result<BTreeSet<u32>, SimulateError> {
+        let Some(list) = &self.captures else { return Ok((0..captures).collect()) };
+        let wrong = || SimulateError::Captures { list: list.clone(), last: captures.saturating_sub(1) };
+        let mut wanted = BTreeSet::new();
+        for part in list.split(',') {
+            let (first, last) = part.split_once('-').unwrap_or((part, part));
+            let first: u32 = first.trim().parse().map_err(|_| wrong())?;
+            let last: u32 = last.trim().parse().map_err(|_| wrong())?;
+            if first > last || last >= captures {
+                return Err(wrong());
+            }
+            wanted.extend(first..=last);
+        }
+        Ok(wanted)
+    }
+}
+
+/// A line of `captures.jsonl`.
+fn line(trajectory: &Trajectory, capture: u32, deformed: &Deformed, picture: Option<&Picture>) -> String {
+    let mark = &trajectory.captures[capture as usize];
+    let (forces, pad) = (&deformed.pad.forces, &deformed.pad);
+    let mut line = serde_json::json!({
+        "capture": capture,
+        "status": "simulated",
+        "indenter": trajectory.episodes[mark.episode as usize].indenter,
+        "pose": deformed.pose,
+        "normal_force_n": forces.normal_force_n,
+        "shear_force_n": forces.shear_force_n,
+        "torque_n_mm": forces.torque_n_mm,
+        "solver": pad.stats,
+        "seconds": deformed.took.as_secs_f64(),
+    });
+    if let Some(picture) = picture {
+        line["render_seconds"] = serde_json::json!(picture.took.as_secs_f64());
+    }
+    line.to_string()
+}
+
+/// What was done.
+#[derive(Debug, serde::Serialize)]
+struct Summary {
+    out: PathBuf,
+    captures: usize,
+    simulated: usize,
+    failed: usize,
+    is_complete: bool,
+    seconds: f64,
+}
+
+impl std::fmt::Display for Summary {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: {} of {} captures simulated", self.out.display(), self.simulated, self.captures)?;
+        if self.failed > 0 {
+            write!(f, ", {} failed (captures.jsonl says why)", self.failed)?;
+        }
+        write!(f, ", {:.2} s", self.seconds)
+    }
+}
+
+/// Why nothing, or not everything, could be simulated.
+#[derive(Debug, thiserror::Error)]
+enum SimulateError {
+    #[error("no plan was given")]
+    NoPlan,
+    #[error(transparent)]
+    Twin(#[from] assemble::TwinError),
+    #[error(transparent)]
+    Optics(#[from] crate::optics::Error),
+    #[error(transparent)]
+    Image(#[from] crate::image::Error),
+    #[error(transparent)]
+    Dataset(#[from] crate::dataset::Error),
+    #[error("cannot write {}: {why}; check --out and the space left", path.display())]
+    Write { path: PathBuf, why: String },
+    #[error("cannot read {}: {why}; check --background", path.display())]
+    Read { path: PathBuf, why: String },
+    #[error("--captures {list:?} is no list of captures from 0 to {last}; write e.g. 0,4,8-11")]
+    Captures { list: String, last: u32 },
+}

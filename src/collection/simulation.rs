@@ -1,0 +1,180 @@
+//! Lets the twin do what the dataset lacks, and stores it.
+
+use super::{CollectionError, Progress};
+use crate::dataset::{Dataset, SimRecord, depth};
+use crate::image::png;
+use crate::pose::Pose;
+use crate::twin::branches::grow;
+use crate::twin::{FollowedPoses, Outcome, Picture, Twin, Walk, Wear};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use tokio::sync::{mpsc, watch};
+
+pub(super) struct Simulation {
+    pub dataset: Arc<Dataset>,
+    pub twin: Arc<Twin>,
+    pub background: watch::Receiver<Option<Arc<Vec<u8>>>>,
+    pub measured: watch::Receiver<BTreeSet<u32>>,
+    /// Whether no session runs beside: then what is not there will not come.
+    pub alone: bool,
+    pub cancel: Arc<AtomicBool>,
+    pub progress: mpsc::UnboundedSender<Progress>,
+}
+
+type NotSimulated = Vec<(Vec<u32>, String)>;
+
+impl Simulation {
+    /// Simulates and stores; answers what could not be simulated.
+    pub fn run(self) -> Result<NotSimulated, CollectionError> {
+        let done = self.dataset.done_sim();
+        let all = 0..self.dataset.trajectory().captures.len() as u32;
+        let wanted: BTreeSet<u32> = all.filter(|c| !done.contains(c)).collect();
+        if wanted.is_empty() {
+            return Ok(Vec::new());
+        }
+        let Some(wear) = self.wait_for_background()? else { return Ok(Vec::new()) };
+        self.twin.pool.install(|| match self.twin.follow {
+            FollowedPoses::Commanded => self.commanded(&wanted, &wear),
+            FollowedPoses::Measured => self.measured(&wanted, &wear),
+        })
+    }
+
+    /// The picture of the untouched sensor; `None` when the collection ends before there is one.
+    fn wait_for_background(&self) -> Result<Option<Wear>, CollectionError> {
+        loop {
+            let bytes = self.background.borrow().clone();
+            if let Some(bytes) = bytes {
+                let picture = png::decode(&bytes)?;
+                return Ok(Some(self.twin.wear(Some(&picture))?));
+            }
+            if self.alone {
+                return Ok(Some(self.twin.wear(None)?));
+            }
+            if self.ended(&self.background) {
+                return Ok(None);
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// One tree for the whole trajectory: episodes share what they have in common.
+    fn commanded(&self, wanted: &BTreeSet<u32>, wear: &Wear) -> Result<NotSimulated, CollectionError> {
+        let trajectory = self.dataset.trajectory();
+        let roots = grow(trajectory, wanted, |i| trajectory.waypoints[i].pose);
+        self.walk(&roots, wear)
+    }
+
+    /// Episode after episode, each as soon as all its captures are measured.
+    fn measured(&self, wanted: &BTreeSet<u32>, wear: &Wear) -> Result<NotSimulated, CollectionError> {
+        let trajectory = self.dataset.trajectory();
+        let mut not_simulated = Vec::new();
+        for (index, episode) in trajectory.episodes.iter().enumerate() {
+            let captures: Vec<u32> =
+                trajectory.waypoints_of(index as u32).iter().filter_map(|w| w.capture).collect();
+            let due: BTreeSet<u32> = captures.iter().copied().filter(|c| wanted.contains(c)).collect();
+            while !captures.iter().all(|c| self.measured.borrow().contains(c)) {
+                if self.alone || self.ended(&self.measured) {
+                    return Ok(not_simulated);
+                }
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            let pose_of = |i: usize| -> Pose {
+                let commanded = &trajectory.waypoints[i];
+                let measured = commanded.capture.and_then(|c| self.dataset.real(c));
+                measured.map_or(commanded.pose, |line| line.record.measured)
+            };
+            if !due.is_empty() {
+                tracing::debug!(episode = index, indenter = episode.indenter, "simulating measured poses");
+                not_simulated.extend(self.walk(&grow(trajectory, &due, pose_of), wear)?);
+            }
+        }
+        Ok(not_simulated)
+    }
+
+    fn walk(
+        &self,
+        roots: &[crate::twin::branches::Root],
+        wear: &Wear,
+    ) -> Result<NotSimulated, CollectionError> {
+        let mut not_simulated = Vec::new();
+        let mut failure = None;
+        let mut emit = |outcome: Outcome| match outcome {
+            Outcome::Failed { captures, error } => {
+                let why = error.to_string();
+                let _ = self
+                    .progress
+                    .send(Progress::NotSimulated { captures: captures.clone(), why: why.clone() });
+                not_simulated.push((captures, why));
+                true
+            }
+            Outcome::Deformed(deformed) => {
+                let stored = self
+                    .twin
+                    .picture(&deformed.pad, wear, deformed.captures[0])
+                    .map_err(CollectionError::from)
+                    .and_then(|picture| self.store(&deformed, &picture));
+                stored.map_err(|e| failure = Some(e)).is_ok()
+            }
+        };
+        let lattice = self.twin.lattice_for_pictures();
+        Walk { model: &self.twin.model, lattice, cancel: &self.cancel, emit: &mut emit }.run(roots);
+        match failure {
+            Some(e) => Err(e),
+            None => Ok(not_simulated),
+        }
+    }
+
+    fn store(&self, deformed: &crate::twin::Deformed, picture: &Picture) -> Result<(), CollectionError> {
+        let png = png::encode(&picture.image)?;
+        let tiff = depth::encode(picture.image.width, picture.image.height, &picture.depth_mm)?;
+        let (settings, material) = (&self.twin.model.settings, self.twin.model.material());
+        for capture in &deformed.captures {
+            let (forces, stats) = (&deformed.pad.forces, &deformed.pad.stats);
+            let record = SimRecord {
+                config_hash: self.dataset.provenance().simulation_hash.clone(),
+                engine_version: env!("CARGO_PKG_VERSION").into(),
+                pose: deformed.pose,
+                poses: self.twin.follow.name().into(),
+                elastomer_mode: name_of(&settings.mode),
+                law: name_of(&material.law),
+                youngs_modulus_mpa: material.youngs_modulus_mpa,
+                poisson_ratio: material.poisson_ratio,
+                friction: match settings.friction {
+                    crate::elastomer::Friction::Infinite => None,
+                    crate::elastomer::Friction::Coefficient(mu) => Some(mu),
+                },
+                optics_mode: self.twin.optics_mode(),
+                spp: self.twin.samples(),
+                seed: self.twin.seed,
+                elastomer_ms: deformed.took.as_secs_f64() * 1e3,
+                render_ms: picture.took.as_secs_f64() * 1e3,
+                normal_force_n: forces.normal_force_n,
+                shear_force_n: forces.shear_force_n,
+                torque_n_mm: forces.torque_n_mm,
+                contact_area_mm2: stats.contact_area_mm2,
+                contact_box_px: picture.contact_box_px,
+                iterations: stats.iterations,
+                passes_per_step: stats.passes_per_step,
+                limit_hits: stats.limit_hits,
+                particles: stats.particles,
+                residual: stats.residual,
+                estimated_error: stats.estimated_error,
+            };
+            self.dataset.append_sim(*capture, record, &png, &tiff)?;
+            let _ = self.progress.send(Progress::Simulated { capture: *capture });
+        }
+        Ok(())
+    }
+
+    /// Whether what is waited for will not come any more.
+    fn ended<T>(&self, watch: &watch::Receiver<T>) -> bool {
+        self.cancel.load(Ordering::Relaxed) || watch.has_changed().is_err()
+    }
+}
+
+/// The name a file would use for a setting.
+fn name_of(value: &impl serde::Serialize) -> String {
+    serde_json::to_value(value).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
+}

@@ -1,0 +1,79 @@
+//! The sensor file: the pad and the optics around it.
+
+use crate::elastomer::{Pad, PadShape};
+use crate::optics::sensor::SensorOptics;
+use crate::problem::Problems;
+use serde::Deserialize;
+
+/// The newest sensor format.
+pub const SCHEMA: u32 = 1;
+
+/// A file of `rig_configs/sensors/`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorFile {
+    /// Format version, 1.
+    pub schema: u32,
+    /// What it is called: the stem of its file.
+    pub name: String,
+    /// What it is, for people.
+    #[serde(default)]
+    pub description: String,
+    /// The elastomer.
+    pub pad: Pad,
+    /// Camera, lights, walls, coating.
+    pub optics: SensorOptics,
+}
+
+/// A checked sensor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SensorConfig {
+    /// What it is called.
+    pub name: String,
+    /// The elastomer.
+    pub pad: Pad,
+    /// Camera, lights, walls, coating.
+    pub optics: SensorOptics,
+}
+
+impl SensorFile {
+    /// The checked sensor; meaningless when problems were reported. `stem` is the file's name.
+    pub fn check(&self, stem: &str, problems: &mut Problems) -> SensorConfig {
+        if self.schema != SCHEMA {
+            let next =
+                format!("this program reads schema {SCHEMA}; rewrite the file or use a matching release");
+            problems.push("schema", self.schema, SCHEMA.to_string(), next);
+        }
+        if self.name != stem {
+            let next = "plans and rigs name a sensor by its file: make the two agree";
+            problems.push(
+                "name",
+                format!("{:?}", self.name),
+                format!("\"{stem}\", as the file is called"),
+                next,
+            );
+        }
+        problems.within("pad", |p| check_pad(&self.pad, p));
+        problems.within("optics", |p| self.optics.check(p));
+        SensorConfig { name: self.name.clone(), pad: self.pad.clone(), optics: self.optics.clone() }
+    }
+}
+
+fn check_pad(pad: &Pad, problems: &mut Problems) {
+    problems.range("size_x_mm", pad.size_x_mm, 1.0, 200.0, "mm");
+    problems.range("size_y_mm", pad.size_y_mm, 1.0, 200.0, "mm");
+    problems.range("thickness_mm", pad.thickness_mm, 0.2, 50.0, "mm");
+    problems.within("material", |p| {
+        p.range("youngs_modulus_mpa", pad.material.youngs_modulus_mpa, 1e-4, 1e4, "MPa");
+        p.range("poisson_ratio", pad.material.poisson_ratio, 0.0, 0.499, "");
+        p.range("density_g_mm3", pad.material.density_g_mm3, 1e-6, 100.0, "g/mm^3");
+    });
+    let half = pad.size_x_mm.min(pad.size_y_mm) / 2.0;
+    problems.within("shape", |p| match pad.shape {
+        PadShape::Cuboid => {}
+        PadShape::Rounded { radius_mm } => p.range("radius_mm", radius_mm, 1e-3, half, "mm"),
+        PadShape::Dome { radius_mm } | PadShape::Cylinder { radius_mm } => {
+            p.range("radius_mm", radius_mm, half, 1e4, "mm");
+        }
+    });
+}

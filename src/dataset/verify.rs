@@ -1,0 +1,116 @@
+//! Verification: every sum, every pair, every table.
+
+use super::columns::read_text_by_key;
+use super::{Dataset, Error, StoredFile};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// One thing that is not as it should be.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// The file concerned, relative to the dataset.
+    pub path: String,
+    /// What is wrong with it, and what to do.
+    pub problem: String,
+}
+
+/// What verification found.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Verification {
+    /// Captures the trajectory has.
+    pub captures: usize,
+    /// Real sides stored.
+    pub real: usize,
+    /// Simulated sides stored.
+    pub sim: usize,
+    /// Rows: pairs, or single sides of a one-sided dataset.
+    pub rows: usize,
+    /// Files whose sums were checked.
+    pub files: usize,
+    /// Everything that is wrong.
+    pub findings: Vec<Finding>,
+}
+
+/// Checks a dataset as it lies on the disk.
+pub fn verify(root: &Path) -> Result<Verification, Error> {
+    let dataset = Dataset::open(root)?;
+    let mut findings = Vec::new();
+    let mut files = 0;
+    let rows = dataset.rows();
+
+    // Every file of every journal line.
+    let mut stored: Vec<StoredFile> = Vec::new();
+    for line in super::locked(&dataset.real).lines().values() {
+        stored.extend(line.files.iter().cloned());
+    }
+    for line in super::locked(&dataset.sim).lines().values() {
+        stored.extend(line.files.iter().cloned());
+    }
+    for file in &stored {
+        files += 1;
+        match std::fs::read(root.join(&file.path)) {
+            Err(e) => findings
+                .push(finding(&file.path, format!("cannot be read ({e}); collect --resume does it again"))),
+            Ok(bytes) if sum(&bytes) != file.blake3 => {
+                findings.push(finding(
+                    &file.path,
+                    "differs from the sum in the journal; collect --resume does it again".into(),
+                ));
+            }
+            Ok(_) => {}
+        }
+    }
+
+    // The trajectory is the one the provenance names.
+    if dataset.trajectory().hash() != dataset.provenance().trajectory_hash {
+        findings.push(finding(
+            "trajectory.json",
+            "is not the trajectory that dataset.json names; restore it".into(),
+        ));
+    }
+
+    // The tables say what the journals say.
+    let mut by_split: BTreeMap<&str, BTreeMap<i64, Option<String>>> = BTreeMap::new();
+    for row in &rows {
+        let sum = row.real.as_ref().map(|l| l.files[0].blake3.clone());
+        by_split.entry(dataset.split_of(row.capture)).or_default().insert(i64::from(row.capture), sum);
+    }
+    for (split, expected) in by_split {
+        let path = format!("data/{split}/metadata.parquet");
+        let table = std::fs::read(root.join(&path)).map_err(|e| e.to_string());
+        match table.and_then(|bytes| read_text_by_key(bytes, "capture", "real_blake3")) {
+            Err(why) => {
+                findings.push(finding(&path, format!("cannot be read ({why}); twinrig report rebuilds it")))
+            }
+            Ok(found) if found != expected => {
+                findings
+                    .push(finding(&path, "disagrees with the journals; twinrig report rebuilds it".into()));
+            }
+            Ok(_) => {}
+        }
+    }
+
+    let (real, sim) = (dataset.done_real().len(), dataset.done_sim().len());
+    Ok(Verification {
+        captures: dataset.trajectory().captures.len(),
+        real,
+        sim,
+        rows: rows.len(),
+        files,
+        findings,
+    })
+}
+
+fn finding(path: &str, problem: String) -> Finding {
+    Finding { path: path.to_owned(), problem }
+}
+
+fn sum(bytes: &[u8]) -> String {
+    blake3::hash(bytes).to_hex().to_string()
+}
+
+/// Whether a stored file is there and has its sum.
+pub fn sum_matches(root: &Path, file: &StoredFile) -> bool {
+    std::fs::read(root.join(&file.path)).is_ok_and(|bytes| sum(&bytes) == file.blake3)
+}

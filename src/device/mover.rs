@@ -1,0 +1,328 @@
+//! A mover: one serial device with named axes, whose motion can be trusted.
+//!
+//! *Reference* says what is known of the positions: `Unknown` after connecting, `Homing`,
+//! `Referenced`, and `Suspect` after anything that may have lost them (a restart in mid-run, a lost
+//! link, an alarm that loses position, a stall, a hard stop). Only a referenced device moves; the
+//! others only home.
+//!
+//! *A move* ([`Mover::move_to`]) is checked against the limits before a byte is sent, and has ended
+//! when the device says so in its protocol's way (idle, confirmed; or a barrier), *and* the measured
+//! position is within tolerance of the target, *and* it still is after the settling time. A reply
+//! that is lost never leads to a second move: first the device is asked until it is at rest and its
+//! position is known ([`travel`]).
+//!
+//! It knows no pose, no other device and no plan; interlocks between devices are the session's.
+
+mod error;
+#[cfg(test)]
+mod faults;
+#[cfg(test)]
+mod tests;
+mod travel;
+
+use super::link::{Link, LinkOptions, StopHandle};
+use super::settings::{AxisSettings, MoverSettings};
+use crate::clock::{Clock, Timestamp};
+use crate::motion::AxisLimits;
+use crate::protocol::{AxisWire, Engine, Failure, Outcome, Pattern, Request, Spec, StopKind, Which};
+use crate::units::Steps;
+pub use error::MoverError;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite};
+pub use travel::Reached;
+
+/// What is known of the positions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reference {
+    /// Never homed since connecting.
+    Unknown,
+    /// Searching the switches.
+    Homing,
+    /// Positions are valid.
+    Referenced,
+    /// Positions were valid once; something happened.
+    Suspect,
+}
+
+/// One axis as the device reports it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measured {
+    /// Name in the rig file.
+    pub axis: String,
+    /// Position, mm or degrees.
+    pub position: f64,
+    /// The device's own counts, where it reports them.
+    pub counts: Option<Steps>,
+    /// When the report arrived.
+    pub at: Timestamp,
+}
+
+/// A serial device with axes.
+#[derive(Debug)]
+pub struct Mover {
+    link: Link,
+    spec: Arc<Spec>,
+    settings: MoverSettings,
+    clock: Clock,
+    names: Vec<String>,
+    /// Count of lost trusts when the axes were last homed.
+    homed_at_loss: Option<u64>,
+    homing: bool,
+    identity: Option<String>,
+    /// Recovery that the last alarm asks for.
+    recover: Option<String>,
+}
+
+impl Mover {
+    /// Connects over a stream: wakes the firmware and verifies who it is. Nothing moves.
+    pub async fn connect<S>(
+        stream: S,
+        spec: Arc<Spec>,
+        settings: MoverSettings,
+        clock: Clock,
+    ) -> Result<Mover, MoverError>
+    where
+        S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
+    {
+        Self::connect_with(stream, spec, settings, clock, LinkOptions::default()).await
+    }
+
+    /// Connects as [`Mover::connect`] does, with a byte log and the port's second door for stops.
+    pub async fn connect_with<S>(
+        stream: S,
+        spec: Arc<Spec>,
+        settings: MoverSettings,
+        clock: Clock,
+        options: LinkOptions,
+    ) -> Result<Mover, MoverError>
+    where
+        S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
+    {
+        let engine = engine_for(&spec, &settings, clock.speed().max(1.0))?;
+        let names = settings.axes.keys().cloned().collect();
+        let link = Link::start(stream, engine, clock, options);
+        let mut mover = Mover {
+            link,
+            spec,
+            settings,
+            clock,
+            names,
+            homed_at_loss: None,
+            homing: false,
+            identity: None,
+            recover: None,
+        };
+        if mover.spec.link.wake.is_some() {
+            mover.call(Request::Wake).await?;
+        } else {
+            // A board that resets on opening speaks by itself; one that does not needs no wait, but
+            // cannot be told from the other.
+            mover.clock.sleep(Duration::from_millis(mover.spec.link.open_settle_ms)).await;
+        }
+        // A board that was starting anyway introduces itself twice: once by itself, once when woken.
+        let mut tries = 0;
+        loop {
+            match mover.identify().await {
+                Err(MoverError::Device(Failure::Restarted)) if tries < 3 => tries += 1,
+                other => break other.map(drop)?,
+            };
+        }
+        mover.call(Request::Run(Which::Init)).await?;
+        mover.link.set_live();
+        Ok(mover)
+    }
+
+    /// Asks the firmware who it is and verifies the answer; returns its words.
+    pub async fn identify(&mut self) -> Result<String, MoverError> {
+        let replies = self.call(Request::Identify).await?;
+        let mut words: Vec<String> = self.link.telemetry().banner.into_iter().collect();
+        for reply in &replies {
+            words.push(reply.raw.clone());
+            // Where the answer is a value inside a reply, the value is what identifies.
+            words.extend(["data", "text"].iter().map(|f| reply.text(f)).filter(|t| !t.is_empty()));
+        }
+        let rig = match &self.settings.identity {
+            Some(text) => Some(
+                Pattern::new(text)
+                    .map_err(|reason| MoverError::IdentityPattern { pattern: text.clone(), reason })?,
+            ),
+            None => None,
+        };
+        for pattern in [self.spec.protocol.firmware_match.as_ref(), rig.as_ref()].into_iter().flatten() {
+            if !words.iter().any(|w| pattern.is_match(w.as_bytes())) {
+                let expected = pattern.as_str().to_owned();
+                return Err(MoverError::WrongIdentity { says: words.join(" | "), expected });
+            }
+        }
+        let mut said: Vec<String> = self.link.telemetry().banner.into_iter().collect();
+        said.extend(
+            replies
+                .into_iter()
+                .filter(|r| r.role != crate::protocol::spec::Role::Ack || r.class == "reply")
+                .map(|r| r.raw),
+        );
+        let identity = said.join("; ");
+        self.identity = Some(identity.clone());
+        Ok(identity)
+    }
+
+    /// What the firmware said when it was last asked.
+    pub fn identity(&self) -> Option<&str> {
+        self.identity.as_deref()
+    }
+
+    /// The rig file's description.
+    pub fn settings(&self) -> &MoverSettings {
+        &self.settings
+    }
+
+    /// The protocol.
+    pub fn spec(&self) -> &Arc<Spec> {
+        &self.spec
+    }
+
+    /// The link, for whoever watches telemetry.
+    pub fn link(&self) -> &Link {
+        &self.link
+    }
+
+    /// What is known of the positions.
+    pub fn reference(&self) -> Reference {
+        let telemetry = self.link.telemetry();
+        match self.homed_at_loss {
+            _ if self.homing => Reference::Homing,
+            None => Reference::Unknown,
+            Some(count) if count == telemetry.trust_losses && telemetry.ended.is_none() => {
+                Reference::Referenced
+            }
+            Some(_) => Reference::Suspect,
+        }
+    }
+
+    /// References the axes: recovers from an alarm where one is pending, then homes.
+    pub async fn home(&mut self) -> Result<(), MoverError> {
+        self.end_of_stop().await?;
+        self.homed_at_loss = None;
+        self.homing = true;
+        let result = self.search_reference().await;
+        self.homing = false;
+        let losses = self.link.telemetry().trust_losses;
+        result?;
+        self.homed_at_loss = Some(losses);
+        Ok(())
+    }
+
+    async fn search_reference(&mut self) -> Result<(), MoverError> {
+        if let Some(name) = self.recover.take() {
+            tracing::info!("recovering from an alarm by [recover.{name}]");
+            self.call(Request::Run(Which::Recover(name))).await?;
+        }
+        self.call(Request::Run(Which::Home)).await?;
+        self.call(Request::Settle { stall: Duration::from_millis(self.settings.stall_ms) }).await?;
+        self.read_positions().await?;
+        Ok(())
+    }
+
+    /// Asks the device where it is.
+    pub async fn position(&mut self) -> Result<Vec<Measured>, MoverError> {
+        self.end_of_stop().await?;
+        self.read_positions().await
+    }
+
+    async fn read_positions(&mut self) -> Result<Vec<Measured>, MoverError> {
+        self.call(Request::Position).await?;
+        let telemetry = self.link.telemetry();
+        let mut all = Vec::new();
+        for (axis, reading) in self.names.iter().zip(&telemetry.positions) {
+            let reading = reading.ok_or_else(|| MoverError::NoPosition { axis: axis.clone() })?;
+            all.push(Measured {
+                axis: axis.clone(),
+                position: reading.value,
+                counts: reading.counts,
+                at: reading.at,
+            });
+        }
+        Ok(all)
+    }
+
+    /// The handle that stops this device at once, from any thread.
+    pub fn stop_handle(&self) -> StopHandle {
+        self.link.stop_handle()
+    }
+
+    /// Stops, and waits until the stop's steps have ended.
+    pub async fn stop(&mut self, kind: StopKind) -> Result<(), MoverError> {
+        self.stop_handle().stop(kind);
+        self.end_of_stop().await
+    }
+
+    /// Where a stop was called: waits for the end of its steps, then allows motion again.
+    async fn end_of_stop(&mut self) -> Result<(), MoverError> {
+        if self.stop_handle().is_stopped() {
+            self.link.finish_stop().await?;
+        }
+        Ok(())
+    }
+
+    /// Runs a request and remembers what an alarm asks for.
+    async fn call(&mut self, request: Request) -> Outcome {
+        let outcome = self.link.call(request).await;
+        if let Err(Failure::Alarm { recover: Some(name), .. }) = &outcome {
+            self.recover = Some(name.clone());
+        }
+        outcome
+    }
+
+    /// The axis of that name and its index.
+    fn axis(&self, name: &str) -> Result<(usize, &AxisSettings), MoverError> {
+        let at = self.names.iter().position(|n| n == name);
+        at.and_then(|i| Some((i, self.settings.axes.get(name)?)))
+            .ok_or_else(|| MoverError::UnknownAxis { axis: name.to_owned(), known: self.names.join(", ") })
+    }
+
+    /// Limits of all axes by name.
+    pub fn limits(&self) -> BTreeMap<String, AxisLimits> {
+        self.settings.axes.iter().map(|(name, axis)| (name.clone(), axis.limits())).collect()
+    }
+}
+
+/// An engine for a device of the rig file; refuses axes that the protocol cannot name.
+fn engine_for(spec: &Arc<Spec>, settings: &MoverSettings, patience: f64) -> Result<Engine, MoverError> {
+    let axes = settings.axes.iter().map(|(name, axis)| AxisWire {
+        name: name.clone(),
+        wire: axis.wire.clone(),
+        counts_per_unit: axis.counts_per_unit,
+    });
+    Ok(Engine::new(spec.clone(), axes.collect(), patience)?)
+}
+
+/// Whether a protocol can serve a device of the rig file, without opening anything.
+pub fn check_settings(spec: &Arc<Spec>, settings: &MoverSettings) -> Result<(), MoverError> {
+    engine_for(spec, settings, 1.0).map(drop)
+}
+
+/// The bytes that a move would send, one entry for each command: for a dry run. The limits are
+/// checked as for a real move; line numbers and checksums that depend on them are left out.
+pub fn preview_move(
+    spec: &Arc<Spec>,
+    settings: &MoverSettings,
+    targets: &[(&str, f64)],
+    feed: f64,
+) -> Result<Vec<Vec<u8>>, MoverError> {
+    let engine = engine_for(spec, settings, 1.0)?;
+    let names: Vec<&String> = settings.axes.keys().collect();
+    let mut indexed = Vec::new();
+    for (name, target) in targets {
+        let at = names.iter().position(|n| n == name);
+        let at = at.ok_or_else(|| MoverError::UnknownAxis {
+            axis: (*name).to_owned(),
+            known: names.iter().map(|n| n.as_str()).collect::<Vec<_>>().join(", "),
+        })?;
+        let limits = settings.axes[*name].limits();
+        limits.check_position(name, *target)?;
+        indexed.push((at, *target));
+    }
+    Ok(engine.preview_move(&indexed, feed)?)
+}

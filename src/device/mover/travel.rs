@@ -1,0 +1,239 @@
+//! Moves: limits before the first byte, proof of arrival at the end.
+//!
+//! Stages of a move: check (limits, feed, reference), legs (one, or two where an axis is always
+//! approached from one side), and for each leg: send, wait for the end of motion, measure, settle,
+//! measure again.
+
+use super::{Measured, Mover, MoverError, Reference};
+use crate::device::settings::{Approach, Side};
+use crate::motion::LimitError;
+use crate::protocol::{Failure, Request, StopKind, Which};
+use std::time::Duration;
+
+/// Where a move ended, with the proof.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reached {
+    /// All axes, measured after settling.
+    pub measured: Vec<Measured>,
+    /// How often something had to be recovered on the way (a lost reply).
+    pub recoveries: u32,
+}
+
+/// Readback may lag behind the report of arrival (ophyd issue 288): it is read again this often.
+const READBACK_TRIES: u32 = 5;
+/// Time between these readings.
+const READBACK_PAUSE: Duration = Duration::from_millis(100);
+
+impl Mover {
+    /// Moves axes to targets in a straight line, at `feed` along it in axis units per second, and
+    /// returns when the device has arrived, was measured within tolerance, and has settled.
+    pub async fn move_to(&mut self, targets: &[(&str, f64)], feed: f64) -> Result<Reached, MoverError> {
+        self.end_of_stop().await?;
+        let targets = self.check_targets(targets)?;
+        self.require_reference()?;
+        let here = self.read_positions().await?;
+        self.check_feed(&targets, feed, &here)?;
+        let mut reached = Reached { measured: here.clone(), recoveries: 0 };
+        for leg in self.legs(&targets, &here) {
+            self.still_allowed()?;
+            let legs = self.travel(&leg, feed).await?;
+            reached = Reached { recoveries: reached.recoveries + legs.recoveries, ..legs };
+        }
+        Ok(reached)
+    }
+
+    /// Begins a move that will be cancelled: towards `target`, which must be inside the limits.
+    /// Returns when the device has accepted it; [`Mover::jog_cancel`] ends it.
+    pub async fn jog(&mut self, axis: &str, target: f64, feed: f64) -> Result<(), MoverError> {
+        if self.spec.motion.jog.is_empty() || self.spec.motion.jog_cancel.is_none() {
+            let protocol = self.spec.protocol.name.clone();
+            return Err(MoverError::NotSupported { protocol, what: "jog commands" });
+        }
+        self.end_of_stop().await?;
+        let targets = self.check_targets(&[(axis, target)])?;
+        self.settings.axes[axis].limits().check_feed(axis, feed)?;
+        self.require_reference()?;
+        self.call(Request::Move { targets, feed, jog: true }).await?;
+        Ok(())
+    }
+
+    /// Ends a jog: decelerates, and returns the position once the device is at rest.
+    pub async fn jog_cancel(&mut self) -> Result<Vec<Measured>, MoverError> {
+        self.call(Request::Run(Which::JogCancel)).await?;
+        self.settle().await?;
+        self.read_positions().await
+    }
+
+    /// Targets by index, every one inside its limits.
+    fn check_targets(&self, targets: &[(&str, f64)]) -> Result<Vec<(usize, f64)>, MoverError> {
+        let mut indexed = Vec::new();
+        for (name, target) in targets {
+            let (at, settings) = self.axis(name)?;
+            settings.limits().check_position(name, *target)?;
+            indexed.push((at, *target));
+        }
+        Ok(indexed)
+    }
+
+    /// No axis may be faster than its limit: of the feed along the line each gets its share.
+    fn check_feed(&self, targets: &[(usize, f64)], feed: f64, here: &[Measured]) -> Result<(), LimitError> {
+        let deltas: Vec<f64> = targets.iter().map(|(at, t)| (t - here[*at].position).abs()).collect();
+        let length = deltas.iter().map(|d| d * d).sum::<f64>().sqrt();
+        for ((at, _), delta) in targets.iter().zip(&deltas) {
+            let name = &self.names[*at];
+            let share = if length > 0.0 { delta / length } else { 1.0 };
+            let limits = self.settings.axes[name].limits();
+            if targets.len() == 1 {
+                limits.check_feed(name, feed)?;
+            } else if share > 0.0 || feed.is_nan() || feed <= 0.0 {
+                limits.check_feed(name, feed * share.max(f64::MIN_POSITIVE))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn require_reference(&self) -> Result<(), MoverError> {
+        let loss = self.link.telemetry().last_loss;
+        let reason = match self.reference() {
+            Reference::Referenced => return Ok(()),
+            Reference::Unknown => "not homed since connecting".to_owned(),
+            Reference::Homing => "homing".to_owned(),
+            Reference::Suspect => loss.unwrap_or_else(|| "the link was lost".to_owned()),
+        };
+        Err(MoverError::NotReferenced { reason })
+    }
+
+    /// Between two sendings: no stop was called, and the positions are still trusted.
+    fn still_allowed(&self) -> Result<(), MoverError> {
+        if self.stop_handle().is_stopped() {
+            return Err(Failure::Stopped.into());
+        }
+        self.require_reference()
+    }
+
+    /// One leg, or two where an axis must be approached from the other side.
+    fn legs(&self, targets: &[(usize, f64)], here: &[Measured]) -> Vec<Vec<(usize, f64)>> {
+        let mut first = targets.to_vec();
+        for (at, target) in &mut first {
+            let settings = &self.settings.axes[&self.names[*at]];
+            let Some(Approach { from, distance }) = settings.approach else { continue };
+            let now = here[*at].position;
+            // At the target already, the lash was taken up when it was reached.
+            let there = (now - *target).abs() <= settings.tolerance;
+            match from {
+                Side::Above if now < *target && !there => *target = (*target + distance).min(settings.max),
+                Side::Below if now > *target && !there => *target = (*target - distance).max(settings.min),
+                _ => {}
+            }
+        }
+        if first == targets { vec![first] } else { vec![first, targets.to_vec()] }
+    }
+
+    /// Sends one straight move and proves its end.
+    async fn travel(&mut self, targets: &[(usize, f64)], feed: f64) -> Result<Reached, MoverError> {
+        let mut recoveries = 0;
+        let sent = self.call(Request::Move { targets: targets.to_vec(), feed, jog: false }).await;
+        let confirmed = match sent {
+            Ok(_) => true,
+            // What became of the move is not known: it is not sent again before that is found out.
+            Err(Failure::NoReply { what, .. }) => {
+                tracing::warn!("no reply to {what}: waiting until the device is at rest");
+                recoveries += 1;
+                false
+            }
+            Err(failure) => return Err(self.after_failure(failure)),
+        };
+        self.settle().await?;
+        let arrived = self.measure_arrival(targets).await;
+        self.require_kept()?;
+        match arrived {
+            Ok(_) => {}
+            Err(MoverError::NotReached { .. }) if !confirmed => return Err(MoverError::MoveUnconfirmed),
+            Err(e) => return Err(e),
+        }
+        self.clock.sleep(Duration::from_millis(self.settings.settle_ms)).await;
+        self.still_allowed()?;
+        let measured = self.measure_arrival(targets).await?;
+        self.require_kept()?;
+        Ok(Reached { measured, recoveries })
+    }
+
+    /// Waits for the end of motion. A device that has stalled is stopped.
+    async fn settle(&mut self) -> Result<(), MoverError> {
+        let stall = Duration::from_millis(self.settings.stall_ms);
+        match self.call(Request::Settle { stall }).await {
+            Ok(_) => Ok(()),
+            Err(failure @ (Failure::Stalled { .. } | Failure::NoReply { .. })) => {
+                // It may still be moving, and nobody knows where: stop it, trust nothing.
+                self.homed_at_loss = self.homed_at_loss.map(|_| u64::MAX);
+                self.stop_handle().stop(StopKind::Controlled);
+                if let Err(e) = self.link.finish_stop().await {
+                    tracing::warn!("stopping after \"{failure}\" failed as well: {e}");
+                }
+                Err(self.after_failure(failure))
+            }
+            Err(failure) => Err(self.after_failure(failure)),
+        }
+    }
+
+    /// The positions, once every target is within tolerance.
+    async fn measure_arrival(&mut self, targets: &[(usize, f64)]) -> Result<Vec<Measured>, MoverError> {
+        let mut tries = 0;
+        loop {
+            let measured = match self.read_positions().await {
+                Err(MoverError::Device(failure)) => return Err(self.after_failure(failure)),
+                other => other?,
+            };
+            let Err(missed) = self.within_tolerance(targets, &measured) else { return Ok(measured) };
+            tries += 1;
+            if tries >= READBACK_TRIES {
+                return Err(missed);
+            }
+            self.clock.sleep(READBACK_PAUSE).await;
+        }
+    }
+
+    fn within_tolerance(&self, targets: &[(usize, f64)], measured: &[Measured]) -> Result<(), MoverError> {
+        for (at, target) in targets {
+            let settings = &self.settings.axes[&self.names[*at]];
+            let found = &measured[*at];
+            // Rounding of the last printed digit is not a miss.
+            let allowed = settings.tolerance + 1e-9;
+            let counted = match (self.spec.position.counts, found.counts, settings.counts_per_unit) {
+                // The motor's own count is a second witness where the position is only the target.
+                (false, Some(counts), Some(scale)) => Some(counts.0 as f64 / scale),
+                _ => None,
+            };
+            for position in [Some(found.position), counted].into_iter().flatten() {
+                let missed_by = (position - target).abs();
+                if missed_by.is_nan() || missed_by > allowed {
+                    return Err(MoverError::NotReached {
+                        axis: found.axis.clone(),
+                        target: *target,
+                        measured: position,
+                        tolerance: settings.tolerance,
+                        unit: settings.kind.unit(),
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The error of a failed dialogue: that the position was lost, where it was.
+    fn after_failure(&self, failure: Failure) -> MoverError {
+        if failure == Failure::Stopped || self.reference() == Reference::Referenced {
+            return failure.into();
+        }
+        MoverError::PositionLost { reason: failure.to_string() }
+    }
+
+    fn require_kept(&self) -> Result<(), MoverError> {
+        match self.reference() {
+            Reference::Referenced => Ok(()),
+            _ => Err(MoverError::PositionLost {
+                reason: self.link.telemetry().last_loss.unwrap_or_else(|| "the link was lost".to_owned()),
+            }),
+        }
+    }
+}

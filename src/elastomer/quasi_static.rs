@@ -1,0 +1,444 @@
+//! The quasi-static elastomer: every waypoint is an equilibrium of the bonded pad.
+//!
+//! Total-Lagrangian, on quadratic B-splines over a grid that fits the pad ([`grid`]); stresses and
+//! tangents from the stored energy ([`law`], [`operator`]); unilateral contact with Coulomb or infinite
+//! friction against the indenter's signed distance ([`contact`]); Newton's method with conjugate gradients
+//! ([`newton`]), preconditioned by the exact inverse of the undeformed layer ([`layer`]) with the contact
+//! springs added by the Woodbury formula ([`springs`]). Relative rest, which the explicit modes reach by
+//! looping, is here the friction law itself.
+//!
+//! A path is followed in increments; what an increment leaves behind is the displacement and, with
+//! friction, the anchors of the points that touch. Nothing is computed before the first touch. An
+//! increment that does not converge is halved, and given up with a typed error in the end.
+
+#![allow(
+    clippy::needless_range_loop,
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "tensor code reads best with indices; a negated comparison is how a NaN is caught"
+)]
+
+pub mod contact;
+pub mod grid;
+pub mod lanes;
+pub mod law;
+pub mod layer;
+pub mod newton;
+pub mod operator;
+pub mod springs;
+
+use super::{
+    ContactForces, Elastomer, ElastomerCapture, Error, Friction, Pad, PadShape, Settings, SolverStats,
+    Surface,
+};
+use crate::indenter::Indenter;
+use crate::pose::Pose;
+use contact::Contacts;
+use glam::Vec3;
+use grid::Grid;
+use layer::RestLayer;
+use newton::{Machine, Newton, Outcome, Problem};
+use operator::Operator;
+use springs::FaceGreen;
+use std::sync::Arc;
+
+/// Smallest distance of the contact from the pad's edge, mm.
+const EDGE_MARGIN_MM: f64 = 1.0;
+/// Solves per increment between which multipliers, anchors and bounds are brought up to date.
+const MOST_ROUNDS: u32 = 12;
+/// Longest way of the indenter in one increment, mm.
+const LONGEST_INCREMENT_MM: f64 = 0.5;
+/// Largest turn in one increment, degrees.
+const LARGEST_TURN_DEG: f64 = 8.0;
+/// How often an increment may be halved.
+const MOST_HALVINGS: u32 = 6;
+
+/// A pad that follows an indenter through equilibria.
+#[derive(Debug)]
+pub struct QuasiStaticSolver {
+    machine: Arc<Machine>,
+    indenter: Arc<dyn Indenter>,
+    pose: Pose,
+    tolerance: f64,
+    contacts: Contacts,
+    u: Vec<f32>,
+    /// Displacement one increment ago, and the way of the indenter since then, for extrapolation.
+    last: Option<(Vec<f32>, [f64; 4])>,
+    at_rest: bool,
+    outcome: Option<Outcome>,
+    newton: Newton,
+    least_force: f64,
+}
+
+/// Resolution and stopping that meet an error relative to depth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Resolution {
+    /// Cell size in the plane, mm.
+    pub cell_mm: f64,
+    /// Height of the uppermost cells relative to their width.
+    pub first_height: f64,
+    /// Growth of cell heights away from the face.
+    pub growth: f64,
+    /// Contact samples along one edge of a cell.
+    pub samples: usize,
+    /// Residual relative to the contact force.
+    pub residual: f64,
+    /// Penetration that may remain, mm.
+    pub violation_mm: f64,
+}
+
+impl Resolution {
+    /// What a tolerance needs (found by experiment against converged solutions).
+    pub fn for_tolerance(tolerance: f64) -> Self {
+        let cell_mm = (0.417 * (tolerance / 0.01).sqrt()).clamp(0.1, 0.834);
+        Self {
+            cell_mm,
+            first_height: 0.8,
+            growth: 1.25,
+            samples: 1,
+            residual: (0.1 * tolerance).clamp(1e-4, 1e-3),
+            violation_mm: 5e-4,
+        }
+    }
+}
+
+impl QuasiStaticSolver {
+    /// A solver for `pad` as overridden by `settings`, with the indenter at `start`.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] when the pad or a setting is out of range; whatever the first contact brings
+    /// when `start` already touches.
+    pub fn new(
+        pad: &Pad,
+        settings: &Settings,
+        indenter: Arc<dyn Indenter>,
+        start: &Pose,
+    ) -> Result<Self, Error> {
+        check(pad, settings)?;
+        let resolution = Resolution::for_tolerance(settings.tolerance);
+        Self::with_resolution(pad, settings, resolution, indenter, start)
+    }
+
+    /// As [`Self::new`], with the resolution given instead of derived from the tolerance.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_resolution(
+        pad: &Pad,
+        settings: &Settings,
+        resolution: Resolution,
+        indenter: Arc<dyn Indenter>,
+        start: &Pose,
+    ) -> Result<Self, Error> {
+        let mut material = pad.material;
+        material.law = settings.law.unwrap_or(material.law);
+        material.youngs_modulus_mpa = settings.youngs_modulus_mpa.unwrap_or(material.youngs_modulus_mpa);
+        material.poisson_ratio = settings.poisson_ratio.unwrap_or(material.poisson_ratio);
+        let size = [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm];
+        let grid = Grid::new(size, resolution.cell_mm, resolution.first_height, resolution.growth);
+        let (mu, lambda) = (material.mu_mpa(), material.lambda_mpa());
+        let layer = RestLayer::new(&grid, mu, lambda);
+        let green = FaceGreen::new(&grid, &layer);
+        // 17 MPa/mm at E = 0.145 MPa and cells of 0.4 mm: ten times the pad's own stiffness at that scale;
+        // the multipliers do the rest.
+        let stiffness = 50.0 * material.youngs_modulus_mpa / grid.hx;
+        let contacts = Contacts::new(&grid, resolution.samples, stiffness, settings.friction);
+        let u = vec![0.0; grid.field_len()];
+        let least_force = 1e-5 * material.youngs_modulus_mpa * grid.hx * grid.hy;
+        let operator = Operator::new(grid, material.law, mu, lambda);
+        let mut solver = Self {
+            machine: Arc::new(Machine { operator, layer, green }),
+            indenter,
+            pose: *start,
+            tolerance: resolution.residual,
+            contacts,
+            u,
+            last: None,
+            at_rest: true,
+            outcome: None,
+            newton: Newton::default(),
+            least_force,
+        };
+        if solver.contacts.least_gap(solver.indenter.as_ref(), start, None) < 0.0 {
+            // Begin above the pad and come down, as an indenter would.
+            solver.pose.z_mm = start.z_mm.max(0.0) + 1e-3;
+            solver.advance(start)?;
+        }
+        Ok(solver)
+    }
+
+    /// One increment to `pose`; the state is unchanged when it fails.
+    fn increment(&mut self, pose: &Pose) -> Result<(), Outcome> {
+        let indenter = Arc::clone(&self.indenter);
+        let indenter = indenter.as_ref();
+        // The face at rest is an equilibrium wherever the indenter does not touch it.
+        if self.contacts.least_gap(indenter, pose, None) >= 0.0 {
+            self.contacts.clear();
+            self.u.fill(0.0);
+            self.at_rest = true;
+            self.last = None;
+            self.outcome = None;
+            self.pose = *pose;
+            return Ok(());
+        }
+        let saved = (self.contacts.clone(), self.u.clone());
+        self.contacts.begin_increment(indenter, &self.pose, pose, &self.u);
+        let way = way_between(&self.pose, pose);
+        if let Some((before, last_way)) = &self.last {
+            if let Some(s) = along(&way, last_way) {
+                let s = s as f32;
+                for (u, b) in self.u.iter_mut().zip(before) {
+                    *u += s * (*u - b);
+                }
+            }
+        }
+        let machine = Arc::clone(&self.machine);
+        let mut problem = Problem {
+            machine: &machine,
+            indenter,
+            pose,
+            tolerance: 10.0 * self.tolerance,
+            least_force: self.least_force,
+        };
+        if !self.at_rest {
+            self.newton.predict(&problem, &mut self.contacts, &mut self.u);
+        }
+        let friction_tolerance = 5e-3;
+        let mut outcome;
+        let mut rounds = 0;
+        loop {
+            outcome = self.newton.solve(&problem, &mut self.contacts, &mut self.u);
+            rounds += 1;
+            if !outcome.converged {
+                break;
+            }
+            let updated = self.contacts.update(indenter, pose, &self.pose, &self.u);
+            let settled = updated.events == 0
+                && updated.violation_mm < 1e-3
+                && updated.bound_change < friction_tolerance
+                && problem.tolerance <= self.tolerance;
+            if settled {
+                break;
+            }
+            if rounds == MOST_ROUNDS {
+                outcome.converged = false;
+                break;
+            }
+            // Points that come and go need no sharp solve; the last ones do.
+            if updated.events == 0 || rounds + 3 > MOST_ROUNDS {
+                problem.tolerance = self.tolerance;
+            }
+        }
+        if !outcome.converged {
+            (self.contacts, self.u) = saved;
+            return Err(outcome);
+        }
+        self.contacts.end_increment(indenter);
+        self.last = (!self.at_rest).then_some((saved.1, way));
+        self.at_rest = false;
+        self.outcome = Some(outcome);
+        self.pose = *pose;
+        Ok(())
+    }
+
+    /// Refuses contact beside the pad or too close to its edge.
+    fn check_margin(&self) -> Result<(), Error> {
+        let size = self.machine.operator.grid().size;
+        let [hx, hy] = self.indenter.half_extent_mm();
+        // A body that covers the pad has no contact edge on it.
+        let covers = |at: f64, half: f64, size: f64| at.abs() + size / 2.0 <= half;
+        let distance = |p: f64, at: f64, half: f64, size: f64| {
+            if covers(at, half, size) { f64::INFINITY } else { size / 2.0 - p.abs() }
+        };
+        let mut least = f64::INFINITY;
+        for p in self.contacts.touching_points() {
+            least = least.min(distance(p.x, self.pose.x_mm, hx, size[0])).min(distance(
+                p.y,
+                self.pose.y_mm,
+                hy,
+                size[1],
+            ));
+        }
+        if least < EDGE_MARGIN_MM {
+            return Err(Error::OffPad { pose: self.pose, distance_mm: least, allowed_mm: EDGE_MARGIN_MM });
+        }
+        Ok(())
+    }
+}
+
+impl Elastomer for QuasiStaticSolver {
+    fn advance(&mut self, pose: &Pose) -> Result<(), Error> {
+        let start = self.pose;
+        // Nothing happens before the first touch: go there in one stride.
+        let turn = (pose.theta_deg - start.theta_deg).abs();
+        let length = start.distance_mm(pose);
+        let parts = (length / LONGEST_INCREMENT_MM).max(turn / LARGEST_TURN_DEG).ceil().max(1.0);
+        let (mut done, mut stride, mut restarts) = (0.0, 1.0 / parts, 0);
+        while done < 1.0 {
+            let next = f64::min(1.0, done + stride);
+            let next = if next > 1.0 - 1e-9 { 1.0 } else { next };
+            match self.increment(&start.lerp(pose, next)) {
+                Ok(()) => {
+                    self.check_margin()?;
+                    done = next;
+                    stride = f64::min(stride * 1.5, 1.0 / parts);
+                }
+                Err(outcome) => {
+                    restarts += 1;
+                    self.last = None;
+                    stride *= 0.5;
+                    if stride * parts < 0.5f64.powi(MOST_HALVINGS as i32) {
+                        return Err(Error::NotConverged {
+                            pose: start.lerp(pose, next),
+                            residual: outcome.residual,
+                            iterations: outcome.iterations,
+                            restarts,
+                            advice:
+                                "lower the depth, round the indenter's edges, lower elastomer.tolerance for \
+                                     a finer grid, or use elastomer.law = \"neo_hookean\""
+                                    .to_owned(),
+                        });
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn capture(&mut self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
+        if nx < 2 || ny < 2 {
+            return Err(Error::Setting {
+                key: "surface",
+                value: format!("[{nx}, {ny}]"),
+                why: "a surface lattice has at least 2 points along each side".to_owned(),
+            });
+        }
+        let grid = self.machine.operator.grid();
+        let (cx, top) = (grid.cx(), grid.layers() - 1);
+        let tables = |n: usize, size: f64, cells: usize| -> Vec<(f64, usize, [f64; 3])> {
+            (0..n)
+                .map(|i| {
+                    let x = -size / 2.0 + size * i as f64 / (n - 1) as f64;
+                    let (cell, w) = Grid::trace(x, size, cells);
+                    (x, cell, w)
+                })
+                .collect()
+        };
+        let (xs, ys) = (tables(nx, grid.size[0], grid.nx), tables(ny, grid.size[1], grid.ny));
+        let mut positions = Vec::with_capacity(nx * ny);
+        let mut contact = Vec::with_capacity(nx * ny);
+        let [hx, hy] = self.indenter.half_extent_mm();
+        let touching = self.contacts.touching();
+        for (y, j, wy) in &ys {
+            for (x, i, wx) in &xs {
+                let mut p = [*x, *y, 0.0];
+                for (c, p) in p.iter_mut().enumerate() {
+                    let plane = &self.u[grid.at(c, top)..][..grid.plane()];
+                    for (b, wy) in wy.iter().enumerate() {
+                        for (a, wx) in wx.iter().enumerate() {
+                            *p += wy * wx * f64::from(plane[(j + b) * cx + i + a]);
+                        }
+                    }
+                }
+                positions.push(Vec3::new(p[0] as f32, p[1] as f32, p[2] as f32));
+                // Within half a micrometre of the indenter counts as contact, where the face is loaded.
+                let q = self.pose.to_indenter(glam::DVec3::from_array(p));
+                let near = touching && q.x.abs() <= hx && q.y.abs() <= hy;
+                contact.push(near && self.indenter.distance(q) < 5e-4);
+            }
+        }
+        let (force, torque) = self.contacts.resultant(&self.pose);
+        let stats = SolverStats {
+            iterations: self.newton.iterations,
+            passes: self.newton.passes,
+            passes_per_step: self.newton.passes as f64 / (self.newton.iterations as f64).max(1.0),
+            limit_hits: 0,
+            particles: grid.points() as u64,
+            residual: self.outcome.map_or(0.0, |o| o.residual),
+            estimated_error: None,
+            elastic_energy_n_mm: self.outcome.map_or(0.0, |o| o.evaluation.energy),
+            base_reaction_n: self.outcome.map_or(0.0, |o| o.base_force),
+            contact_area_mm2: self.contacts.contact_area_mm2(),
+        };
+        self.newton.iterations = 0;
+        self.newton.passes = 0;
+        Ok(ElastomerCapture {
+            surface: Surface { nx, ny, size_x_mm: grid.size[0], size_y_mm: grid.size[1], positions },
+            contact,
+            forces: ContactForces {
+                normal_force_n: -force.z,
+                shear_force_n: [-force.x, -force.y],
+                torque_n_mm: -torque,
+            },
+            stats,
+        })
+    }
+
+    fn fork(&self) -> Box<dyn Elastomer> {
+        Box::new(Self {
+            machine: Arc::clone(&self.machine),
+            indenter: Arc::clone(&self.indenter),
+            pose: self.pose,
+            tolerance: self.tolerance,
+            contacts: self.contacts.clone(),
+            u: self.u.clone(),
+            last: self.last.clone(),
+            at_rest: self.at_rest,
+            outcome: self.outcome,
+            newton: Newton::default(),
+            least_force: self.least_force,
+        })
+    }
+}
+
+/// The way from one pose to another as four numbers, a degree counting as 0.05 mm.
+fn way_between(a: &Pose, b: &Pose) -> [f64; 4] {
+    [b.x_mm - a.x_mm, b.y_mm - a.y_mm, b.z_mm - a.z_mm, 0.05 * (b.theta_deg - a.theta_deg)]
+}
+
+/// How many times `last` goes into `way`, if they point the same way.
+fn along(way: &[f64; 4], last: &[f64; 4]) -> Option<f64> {
+    let dot = |a: &[f64; 4], b: &[f64; 4]| -> f64 { a.iter().zip(b).map(|(x, y)| x * y).sum() };
+    let (ww, ll, wl) = (dot(way, way), dot(last, last), dot(way, last));
+    (ll > 0.0 && wl > 0.95 * (ww * ll).sqrt()).then(|| (wl / ll).min(2.0))
+}
+
+fn check(pad: &Pad, settings: &Settings) -> Result<(), Error> {
+    let range = |key, value: f64, min: f64, max: f64, unit: &str| {
+        if value.is_finite() && value >= min && value <= max {
+            Ok(())
+        } else {
+            Err(Error::Setting {
+                key,
+                value: value.to_string(),
+                why: format!("choose a value from {min} to {max}{unit}"),
+            })
+        }
+    };
+    let m = &pad.material;
+    range(
+        "youngs_modulus_mpa",
+        settings.youngs_modulus_mpa.unwrap_or(m.youngs_modulus_mpa),
+        1e-4,
+        1e4,
+        " MPa",
+    )?;
+    range("poisson_ratio", settings.poisson_ratio.unwrap_or(m.poisson_ratio), 0.0, 0.499, "")?;
+    range("tolerance", settings.tolerance, 5e-4, 0.1, "")?;
+    range("size_x_mm", pad.size_x_mm, 1.0, 200.0, " mm")?;
+    range("size_y_mm", pad.size_y_mm, 1.0, 200.0, " mm")?;
+    range("thickness_mm", pad.thickness_mm, 0.1, 50.0, " mm")?;
+    if let Friction::Coefficient(mu) = settings.friction {
+        range("friction", mu, 0.0, 10.0, "")?;
+    }
+    if pad.shape != PadShape::Cuboid {
+        return Err(Error::Setting {
+            key: "shape",
+            value: format!("{:?}", pad.shape),
+            why: "the quasi-static mode knows flat pads (cuboid); use elastomer.mode = \"impm\"".to_owned(),
+        });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,503 @@
+//! Contact of the face with the indenter: unilateral in the normal, sticking or Coulomb in the tangent.
+//!
+//! The face carries sample points, `per_axis` squared to a cell. At a point with gap g (the indenter's
+//! signed distance) and multiplier l the pressure is p = max(0, l - k g): an augmented Lagrangian, whose
+//! multipliers are brought up to date between solves until the penetration they leave vanishes
+//! (Simo and Laursen 1992). A point that touches gets an anchor on the indenter; the tangential traction is
+//! a spring to the anchor, capped at the friction bound, which is held fixed during a solve and brought
+//! up to date between solves, so that every solve minimises a potential. Anchors are dropped on
+//! separation, after a solve and never inside it.
+
+use super::grid::{Grid, uniform_values};
+use crate::elastomer::Friction;
+use crate::indenter::Indenter;
+use crate::pose::Pose;
+use glam::DVec3;
+
+/// Penetration beyond which the nearest side of the indenter is not trusted, mm.
+const DEEP_MM: f64 = 0.02;
+
+/// Friction coefficient beyond which a sticking point peels off: pads do not hold by an edge under no
+/// pressure, and released one by one such points would unzip for hundreds of solves. Found by experiment:
+/// forces of slides and turns do not notice.
+const PEEL_COEFFICIENT: f64 = 20.0;
+
+/// Where a point holds on to the indenter.
+#[derive(Debug, Clone, Copy)]
+pub struct Anchor {
+    /// Point in the indenter's frame.
+    at: DVec3,
+    /// Normal of the tangential plane, indenter's frame.
+    normal: DVec3,
+    /// Largest tangential traction, MPa.
+    bound: f64,
+}
+
+/// A sample point of the face.
+#[derive(Debug, Clone)]
+struct Sample {
+    cell: [usize; 2],
+    sub: usize,
+    /// Rest position.
+    rest: DVec3,
+    /// Normal multiplier, MPa.
+    multiplier: f64,
+    anchor: Option<Anchor>,
+    /// Let go in this increment: the point stays without anchor until the increment ends, or it could
+    /// hold and slip in turn for ever.
+    let_go: bool,
+    /// Gap and position in the indenter's frame at the last evaluation, and the pressure there.
+    gap: f64,
+    seen: DVec3,
+    pressure: f64,
+    /// Displacement at the end of the last increment.
+    old_u: DVec3,
+    /// Where the present increment takes the point into the indenter, were the pad to stand still.
+    entry: Option<Entry>,
+}
+
+/// Where a point meets the indenter on its way through an increment.
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    /// Part of the way.
+    fraction: f64,
+    /// Point and normal, indenter's frame.
+    at: DVec3,
+    normal: DVec3,
+}
+
+/// A sample that exchanges force, linearised.
+#[derive(Debug, Clone)]
+pub struct Active {
+    /// Index of its cell.
+    pub cell: [usize; 2],
+    sub: usize,
+    /// Force on the pad, N.
+    force: DVec3,
+    /// Where it acts.
+    position: DVec3,
+    /// Minus the derivative of the force, N/mm: xx, yy, zz, xy, xz, yz.
+    pub stiffness: [f64; 6],
+    /// Outward normal of the indenter.
+    pub normal: DVec3,
+}
+
+/// What changed between two solves.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Updated {
+    /// Points that were anchored or let go.
+    pub events: usize,
+    /// Largest penetration or gap of a loaded point, mm.
+    pub violation_mm: f64,
+    /// Change of the friction bounds, relative to the friction force.
+    pub bound_change: f64,
+}
+
+/// All sample points and their present state.
+#[derive(Debug, Clone)]
+pub struct Contacts {
+    samples: Vec<Sample>,
+    active: Vec<Active>,
+    /// Trace weights of the sub-samples along one axis.
+    weights: Vec<[f64; 3]>,
+    per_axis: usize,
+    /// Area of a sample, mm^2.
+    area: f64,
+    /// Penalty, MPa/mm.
+    stiffness: f64,
+    friction: Friction,
+    /// Points that carried pressure pull as well as push, and no others act: for predictions.
+    bilateral: bool,
+    plane: usize,
+    cx: usize,
+    face: [usize; 3],
+}
+
+impl Contacts {
+    /// Samples over the whole face.
+    pub fn new(grid: &Grid, per_axis: usize, stiffness: f64, friction: Friction) -> Self {
+        let mut samples = Vec::with_capacity(grid.nx * grid.ny * per_axis * per_axis);
+        let offset = |s: usize| (s as f64 + 0.5) / per_axis as f64;
+        for j in 0..grid.ny {
+            for i in 0..grid.nx {
+                for sub in 0..per_axis * per_axis {
+                    let x = -grid.size[0] / 2.0 + grid.hx * (i as f64 + offset(sub % per_axis));
+                    let y = -grid.size[1] / 2.0 + grid.hy * (j as f64 + offset(sub / per_axis));
+                    samples.push(Sample {
+                        cell: [i, j],
+                        sub,
+                        rest: DVec3::new(x, y, 0.0),
+                        multiplier: 0.0,
+                        anchor: None,
+                        let_go: false,
+                        gap: f64::INFINITY,
+                        seen: DVec3::ZERO,
+                        pressure: 0.0,
+                        old_u: DVec3::ZERO,
+                        entry: None,
+                    });
+                }
+            }
+        }
+        let top = grid.layers() - 1;
+        Self {
+            samples,
+            active: Vec::new(),
+            weights: (0..per_axis).map(|s| uniform_values(offset(s))).collect(),
+            per_axis,
+            area: grid.hx * grid.hy / (per_axis * per_axis) as f64,
+            stiffness,
+            friction,
+            bilateral: false,
+            plane: grid.plane(),
+            cx: grid.cx(),
+            face: [grid.at(0, top), grid.at(1, top), grid.at(2, top)],
+        }
+    }
+
+    /// Points that exchange force.
+    pub fn active(&self) -> &[Active] {
+        &self.active
+    }
+
+    fn has_tangent(&self) -> bool {
+        self.friction != Friction::Coefficient(0.0)
+    }
+
+    fn value(&self, u: &[f32], cell: [usize; 2], sub: usize) -> DVec3 {
+        let (wx, wy) = (&self.weights[sub % self.per_axis], &self.weights[sub / self.per_axis]);
+        let mut out = [0.0; 3];
+        for (c, o) in out.iter_mut().enumerate() {
+            let plane = &u[self.face[c]..self.face[c] + self.plane];
+            for (b, wy) in wy.iter().enumerate() {
+                let row = &plane[(cell[1] + b) * self.cx + cell[0]..][..3];
+                *o +=
+                    wy * (wx[0] * f64::from(row[0]) + wx[1] * f64::from(row[1]) + wx[2] * f64::from(row[2]));
+            }
+        }
+        DVec3::from_array(out)
+    }
+
+    fn spread(&self, out: &mut [f32], cell: [usize; 2], sub: usize, v: DVec3) {
+        let (wx, wy) = (&self.weights[sub % self.per_axis], &self.weights[sub / self.per_axis]);
+        for (c, v) in v.to_array().iter().enumerate() {
+            let plane = &mut out[self.face[c]..self.face[c] + self.plane];
+            for (b, wy) in wy.iter().enumerate() {
+                let row = &mut plane[(cell[1] + b) * self.cx + cell[0]..][..3];
+                for (o, wx) in row.iter_mut().zip(wx) {
+                    *o += (v * wx * wy) as f32;
+                }
+            }
+        }
+    }
+
+    /// Least gap of the face displaced by `u` (or at rest), mm; infinite when the indenter is far away.
+    pub fn least_gap(&self, indenter: &dyn Indenter, pose: &Pose, u: Option<&[f32]>) -> f64 {
+        let [hx, hy] = indenter.half_extent_mm();
+        let mut least = f64::INFINITY;
+        for s in &self.samples {
+            let moved = u.map_or(DVec3::ZERO, |u| self.value(u, s.cell, s.sub));
+            let p = pose.to_indenter(s.rest + moved);
+            if p.x.abs() <= hx && p.y.abs() <= hy && p.z >= -least.min(1e9) {
+                least = least.min(indenter.distance(p));
+            }
+        }
+        least
+    }
+
+    /// Evaluates forces and stiffness of every point at displacement `u`.
+    pub fn linearise(&mut self, indenter: &dyn Indenter, pose: &Pose, u: &[f32]) {
+        let [hx, hy] = indenter.half_extent_mm();
+        let (sin, cos) = pose.theta_deg.to_radians().sin_cos();
+        let to_pad = |v: DVec3| DVec3::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y, v.z);
+        let (k, area) = (self.stiffness, self.area);
+        let mut active = std::mem::take(&mut self.active);
+        active.clear();
+        let mut samples = std::mem::take(&mut self.samples);
+        for s in &mut samples {
+            let moved = self.value(u, s.cell, s.sub);
+            let p = pose.to_indenter(s.rest + moved);
+            s.seen = p;
+            s.pressure = 0.0;
+            s.gap = f64::INFINITY;
+            let near = p.z >= 0.0 && p.x.abs() <= hx && p.y.abs() <= hy;
+            let held = s.multiplier > 0.0;
+            if !(near && !self.bilateral) && !held && s.anchor.is_none() {
+                continue;
+            }
+            let (gap, normal) = self.gap(s, indenter, p);
+            s.gap = gap;
+            s.pressure = s.multiplier - k * gap;
+            let pulls = self.bilateral && held;
+            if !pulls && (s.pressure <= 0.0 || self.bilateral) {
+                s.pressure = 0.0;
+            }
+            if s.pressure == 0.0 && s.anchor.is_none() {
+                continue;
+            }
+            // Normal part: p n, with stiffness k n n^T.
+            let mut force = normal * s.pressure;
+            let mut matrix = [0.0; 6];
+            if s.pressure != 0.0 {
+                add_outer(&mut matrix, normal, k);
+            }
+            if let Some(anchor) = &s.anchor {
+                // Tangential spring, capped: k (I - n n^T) while it sticks, else the cap's own tangent.
+                let d = p - anchor.at;
+                let d = d - anchor.normal * anchor.normal.dot(d);
+                let length = d.length();
+                let slope = if k * length > anchor.bound { anchor.bound / length } else { k };
+                force -= d * slope;
+                for v in [DVec3::X, DVec3::Y, DVec3::Z] {
+                    let t = v - anchor.normal * anchor.normal.dot(v);
+                    add_outer(&mut matrix, t, slope);
+                }
+                if k * length > anchor.bound && length > 0.0 {
+                    add_outer(&mut matrix, d / length, -slope);
+                }
+            }
+            let stiffness = rotate(&matrix, sin, cos).map(|v| v * area);
+            active.push(Active {
+                cell: s.cell,
+                sub: s.sub,
+                force: to_pad(force) * area,
+                position: s.rest + moved,
+                stiffness,
+                normal: to_pad(normal),
+            });
+        }
+        self.samples = samples;
+        self.active = active;
+    }
+
+    /// Whether points that carried pressure pull as well as push, and no others act.
+    pub fn set_bilateral(&mut self, bilateral: bool) {
+        self.bilateral = bilateral;
+    }
+
+    /// Subtracts the contact forces from a residual.
+    pub fn subtract_forces(&self, r: &mut [f32]) {
+        for a in &self.active {
+            self.spread(r, a.cell, a.sub, -a.force);
+        }
+    }
+
+    /// Adds the contact stiffness times `d`.
+    pub fn apply(&self, d: &[f32], out: &mut [f32]) {
+        for a in &self.active {
+            let v = self.value(d, a.cell, a.sub);
+            let k = &a.stiffness;
+            let f = DVec3::new(
+                k[0] * v.x + k[3] * v.y + k[4] * v.z,
+                k[3] * v.x + k[1] * v.y + k[5] * v.z,
+                k[4] * v.x + k[5] * v.y + k[2] * v.z,
+            );
+            self.spread(out, a.cell, a.sub, f);
+        }
+    }
+
+    /// Gap and normal of a point at `p` in the indenter's frame. A sticking point sees the tangential plane
+    /// at its anchor; any other the signed distance, except deep inside the body, where the nearest
+    /// side may not be the one it came in by.
+    fn gap(&self, s: &Sample, indenter: &dyn Indenter, p: DVec3) -> (f64, DVec3) {
+        if let Some(a) = &s.anchor
+            && a.bound.is_infinite()
+        {
+            return (a.normal.dot(p - a.at), a.normal);
+        }
+        let (gap, normal) = indenter.distance_and_normal(p);
+        if gap < -DEEP_MM {
+            let came_by = s.entry.map(|e| (e.at, e.normal)).or(s.anchor.map(|a| (a.at, a.normal)));
+            if let Some((at, came_by)) = came_by
+                && normal.dot(came_by) < 0.8
+            {
+                return (came_by.dot(p - at), came_by);
+            }
+        }
+        (gap, normal)
+    }
+
+    /// Begins an increment from one pose to another: finds where free points would meet the indenter.
+    pub fn begin_increment(&mut self, indenter: &dyn Indenter, from: &Pose, to: &Pose, u: &[f32]) {
+        let [hx, hy] = indenter.half_extent_mm();
+        let mut samples = std::mem::take(&mut self.samples);
+        for s in &mut samples {
+            s.old_u = self.value(u, s.cell, s.sub);
+            s.entry = None;
+            s.let_go = false;
+            let p = s.rest + s.old_u;
+            let end = to.to_indenter(p);
+            if s.anchor.is_some() || end.z < 0.0 || end.x.abs() > hx || end.y.abs() > hy {
+                continue;
+            }
+            if indenter.distance(end) >= 0.0 {
+                continue;
+            }
+            // Sphere tracing: no point moves further than the way plus its arc.
+            let turn = (to.theta_deg - from.theta_deg).abs().to_radians();
+            let arm = (p.x - from.x_mm).hypot(p.y - from.y_mm) + from.distance_mm(to);
+            let way = from.distance_mm(to) + turn * arm;
+            let mut fraction = 0.0;
+            for _ in 0..64 {
+                let q = from.lerp(to, fraction).to_indenter(p);
+                let (gap, normal) = indenter.distance_and_normal(q);
+                if gap < 1e-3 || fraction >= 1.0 {
+                    s.entry = Some(Entry { fraction, at: q - normal * gap, normal });
+                    break;
+                }
+                fraction = (fraction + gap / way).min(1.0);
+            }
+        }
+        self.samples = samples;
+    }
+
+    /// Brings multipliers, anchors and friction bounds up to date after a solve at `pose`.
+    pub fn update(&mut self, indenter: &dyn Indenter, pose: &Pose, old_pose: &Pose, u: &[f32]) -> Updated {
+        let mut out = Updated::default();
+        let tangent = self.has_tangent();
+        let (mut change, mut total) = (0.0, 0.0);
+        let mut samples = std::mem::take(&mut self.samples);
+        for s in &mut samples {
+            if s.pressure > 0.0 {
+                out.violation_mm = out.violation_mm.max(s.gap.abs());
+            }
+            s.multiplier = s.pressure;
+            if !tangent {
+                continue;
+            }
+            let bound = match self.friction {
+                Friction::Infinite => f64::INFINITY,
+                Friction::Coefficient(mu) => mu * s.pressure,
+            };
+            // A point that would need more than this much friction peels rather than holds.
+            let peels = s.anchor.as_ref().is_some_and(|a| {
+                let d = s.seen - a.at;
+                let d = d - a.normal * a.normal.dot(d);
+                bound.is_infinite() && self.stiffness * d.length() > PEEL_COEFFICIENT * s.pressure
+            });
+            if s.pressure == 0.0 || peels {
+                if s.anchor.take().is_some() {
+                    s.let_go = true;
+                    out.events += 1;
+                }
+            } else if let Some(anchor) = &mut s.anchor {
+                if bound.is_finite() {
+                    change += (anchor.bound - bound).abs();
+                    total += bound;
+                    anchor.bound = bound;
+                }
+            } else if !s.let_go {
+                s.anchor = Some(self.touch(s, indenter, pose, old_pose, u, bound));
+                out.events += 1;
+            }
+        }
+        self.samples = samples;
+        out.bound_change = if total > 0.0 { change / total } else { 0.0 };
+        out
+    }
+
+    /// The anchor of a point that touched during this increment: where it was on the indenter when it
+    /// would have met it, had the pad stood still.
+    fn touch(
+        &self,
+        s: &Sample,
+        indenter: &dyn Indenter,
+        pose: &Pose,
+        old_pose: &Pose,
+        u: &[f32],
+        bound: f64,
+    ) -> Anchor {
+        let fraction = s.entry.map_or(1.0, |e| e.fraction);
+        let now = self.value(u, s.cell, s.sub);
+        let then = s.old_u + (now - s.old_u) * fraction;
+        let p = old_pose.lerp(pose, fraction).to_indenter(s.rest + then);
+        let (gap, normal) = indenter.distance_and_normal(p);
+        match s.entry {
+            Some(e) if gap < -DEEP_MM && normal.dot(e.normal) < 0.8 => {
+                Anchor { at: e.at, normal: e.normal, bound }
+            }
+            _ => Anchor { at: p - normal * gap, normal, bound },
+        }
+    }
+
+    /// Ends an increment: anchors of sliding points follow, so that their spring carries the bound.
+    pub fn end_increment(&mut self, indenter: &dyn Indenter) {
+        for s in &mut self.samples {
+            if s.let_go && s.pressure > 0.0 {
+                // Touching again: it holds where it is, without traction.
+                let (_, normal) = indenter.distance_and_normal(s.seen);
+                let bound = match self.friction {
+                    Friction::Infinite => f64::INFINITY,
+                    Friction::Coefficient(mu) => mu * s.pressure,
+                };
+                s.anchor = Some(Anchor { at: s.seen - normal * s.gap, normal, bound });
+            }
+            let Some(anchor) = &mut s.anchor else { continue };
+            let d = s.seen - anchor.at;
+            let d = d - anchor.normal * anchor.normal.dot(d);
+            let length = d.length();
+            if self.stiffness * length > anchor.bound {
+                let stretch = anchor.bound / self.stiffness;
+                let (_, normal) = indenter.distance_and_normal(s.seen);
+                anchor.at = s.seen - d * (stretch / length);
+                anchor.normal = normal;
+            }
+        }
+    }
+
+    /// Forgets all contact.
+    pub fn clear(&mut self) {
+        self.active.clear();
+        for s in &mut self.samples {
+            s.multiplier = 0.0;
+            s.anchor = None;
+            s.pressure = 0.0;
+            s.gap = f64::INFINITY;
+        }
+    }
+
+    /// Whether any point carries pressure.
+    pub fn touching(&self) -> bool {
+        self.samples.iter().any(|s| s.pressure > 0.0)
+    }
+
+    /// Sum of contact forces on the pad, N, and their torque about z through the pose, N mm.
+    pub fn resultant(&self, pose: &Pose) -> (DVec3, f64) {
+        let mut force = DVec3::ZERO;
+        let mut torque = 0.0;
+        for a in &self.active {
+            force += a.force;
+            torque += (a.position.x - pose.x_mm) * a.force.y - (a.position.y - pose.y_mm) * a.force.x;
+        }
+        (force, torque)
+    }
+
+    /// Area in contact, mm^2.
+    pub fn contact_area_mm2(&self) -> f64 {
+        self.samples.iter().filter(|s| s.pressure > 0.0).count() as f64 * self.area
+    }
+
+    /// Rest positions of the points that carry pressure.
+    pub fn touching_points(&self) -> impl Iterator<Item = DVec3> + '_ {
+        self.samples.iter().filter(|s| s.pressure > 0.0).map(|s| s.rest)
+    }
+}
+
+fn add_outer(m: &mut [f64; 6], v: DVec3, k: f64) {
+    for (m, p) in m.iter_mut().zip([v.x * v.x, v.y * v.y, v.z * v.z, v.x * v.y, v.x * v.z, v.y * v.z]) {
+        *m += k * p;
+    }
+}
+
+/// Turns a symmetric matrix about z.
+fn rotate(m: &[f64; 6], s: f64, c: f64) -> [f64; 6] {
+    let [xx, yy, zz, xy, xz, yz] = *m;
+    [
+        c * c * xx - 2.0 * c * s * xy + s * s * yy,
+        s * s * xx + 2.0 * c * s * xy + c * c * yy,
+        zz,
+        c * s * (xx - yy) + (c * c - s * s) * xy,
+        c * xz - s * yz,
+        s * xz + c * yz,
+    ]
+}

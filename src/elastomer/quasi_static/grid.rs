@@ -1,0 +1,191 @@
+//! The pad's grid: a box of cells that fits the pad exactly, with quadratic B-splines over it.
+//!
+//! In the plane the splines are uniform (n cells, n + 2 control points, the outer ones beside the pad);
+//! through the depth the knots are open and the cells grow away from the contact face, so the top
+//! control layer alone is the face's trace and the bottom layer alone is the bonded base. Every cell has
+//! 2 x 2 x 2 Gauss points (Cottrell, Hughes and Bazilevs, *Isogeometric Analysis*, 2009, chapter 2).
+
+/// Gauss points on [0, 1].
+pub const GAUSS: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
+
+/// Values and slopes of the three splines that meet a cell, at its two Gauss points.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct CellBasis {
+    /// `value[g][a]`.
+    pub value: [[f64; 3]; 2],
+    /// `slope[g][a]`, per mm.
+    pub slope: [[f64; 3]; 2],
+}
+
+/// Cells and splines of a box.
+#[derive(Debug, Clone)]
+pub struct Grid {
+    /// Cells along x, a multiple of the SIMD width.
+    pub nx: usize,
+    /// Cells along y.
+    pub ny: usize,
+    /// Cell size in x, mm.
+    pub hx: f64,
+    /// Cell size in y, mm.
+    pub hy: f64,
+    /// Cell heights from the base up, mm.
+    pub hz: Vec<f64>,
+    /// Extent, mm.
+    pub size: [f64; 3],
+    /// Splines along x in every cell.
+    pub x: CellBasis,
+    /// Splines along y in every cell.
+    pub y: CellBasis,
+    /// Splines along z, cell by cell from the base up.
+    pub z: Vec<CellBasis>,
+}
+
+impl Grid {
+    /// A grid over a pad of `size` mm with cells of about `h` mm at the contact face. Cell heights
+    /// begin at `first` h at the face and grow by `growth` from cell to cell.
+    pub fn new(size: [f64; 3], h: f64, first: f64, growth: f64) -> Self {
+        let blocks = ((size[0] / h / 16.0).round() as usize).max(1);
+        let nx = 16 * blocks;
+        let hx = size[0] / nx as f64;
+        let ny = ((size[1] / hx).round() as usize).max(8);
+        let hy = size[1] / ny as f64;
+        let mut heights = Vec::new();
+        let (mut sum, mut next) = (0.0, first * hx);
+        while sum < size[2] - 1e-9 {
+            heights.push(next);
+            sum += next;
+            next *= growth;
+        }
+        while heights.len() < 4 {
+            let last = heights.len() as f64;
+            heights.push(heights[0].max(1e-6) * growth.powf(last));
+        }
+        let total: f64 = heights.iter().sum();
+        let hz: Vec<f64> = heights.iter().rev().map(|t| t * size[2] / total).collect();
+        let z = open_basis(&hz);
+        Self { nx, ny, hx, hy, hz, size, x: uniform_basis(hx), y: uniform_basis(hy), z }
+    }
+
+    /// Control points along x.
+    pub fn cx(&self) -> usize {
+        self.nx + 2
+    }
+
+    /// Control points along y.
+    pub fn cy(&self) -> usize {
+        self.ny + 2
+    }
+
+    /// Control layers, the bonded one included.
+    pub fn layers(&self) -> usize {
+        self.hz.len() + 2
+    }
+
+    /// Control points of one layer.
+    pub fn plane(&self) -> usize {
+        self.cx() * self.cy()
+    }
+
+    /// Length of a field of three components. Component outermost, then layer, y, x.
+    pub fn field_len(&self) -> usize {
+        3 * self.layers() * self.plane()
+    }
+
+    /// Where component `c` of layer `k` begins.
+    pub fn at(&self, c: usize, k: usize) -> usize {
+        (c * self.layers() + k) * self.plane()
+    }
+
+    /// Quadrature points.
+    pub fn points(&self) -> usize {
+        8 * self.nx * self.ny * self.hz.len()
+    }
+
+    /// The first control index and the three weights of the face's trace along one axis at coordinate
+    /// `x` of a pad of extent `size` and `n` cells.
+    pub fn trace(x: f64, size: f64, n: usize) -> (usize, [f64; 3]) {
+        let s = ((x / size + 0.5) * n as f64).clamp(0.0, n as f64);
+        let cell = (s.floor() as usize).min(n - 1);
+        (cell, uniform_values(s - cell as f64))
+    }
+}
+
+/// The three uniform quadratic splines at `t` in a cell.
+pub fn uniform_values(t: f64) -> [f64; 3] {
+    [0.5 * (1.0 - t) * (1.0 - t), 0.5 + t * (1.0 - t), 0.5 * t * t]
+}
+
+fn uniform_basis(h: f64) -> CellBasis {
+    let mut basis = CellBasis::default();
+    for (g, &t) in GAUSS.iter().enumerate() {
+        basis.value[g] = uniform_values(t);
+        basis.slope[g] = [(t - 1.0) / h, (1.0 - 2.0 * t) / h, t / h];
+    }
+    basis
+}
+
+/// Quadratic splines on open knots whose spans are `spans`.
+fn open_basis(spans: &[f64]) -> Vec<CellBasis> {
+    let mut knots = vec![0.0; 3];
+    for s in spans {
+        knots.push(knots[knots.len() - 1] + s);
+    }
+    let end = knots[knots.len() - 1];
+    knots.extend([end, end]);
+    let ratio = |a: f64, b: f64| if b > 0.0 { a / b } else { 0.0 };
+    (0..spans.len())
+        .map(|cell| {
+            let i = cell + 2;
+            let mut basis = CellBasis::default();
+            for (g, &t) in GAUSS.iter().enumerate() {
+                let x = knots[i] + t * spans[cell];
+                // Cox-de Boor: linear splines of this span, then quadratic ones.
+                let n1 = [ratio(knots[i + 1] - x, spans[cell]), ratio(x - knots[i], spans[cell])];
+                let (w0, w1) = (knots[i + 1] - knots[i - 1], knots[i + 2] - knots[i]);
+                basis.value[g] = [
+                    ratio(knots[i + 1] - x, w0) * n1[0],
+                    ratio(x - knots[i - 1], w0) * n1[0] + ratio(knots[i + 2] - x, w1) * n1[1],
+                    ratio(x - knots[i], w1) * n1[1],
+                ];
+                basis.slope[g] = [
+                    -2.0 * ratio(n1[0], w0),
+                    2.0 * ratio(n1[0], w0) - 2.0 * ratio(n1[1], w1),
+                    2.0 * ratio(n1[1], w1),
+                ];
+            }
+            basis
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn splines_sum_to_one_and_reproduce_linear_fields() {
+        let grid = Grid::new([20.0, 16.0, 4.0], 0.42, 0.8, 1.25);
+        assert_eq!(grid.nx % 16, 0);
+        assert!((grid.hz.iter().sum::<f64>() - 4.0).abs() < 1e-12);
+        for basis in grid.z.iter().chain([&grid.x, &grid.y]) {
+            for g in 0..2 {
+                assert!((basis.value[g].iter().sum::<f64>() - 1.0).abs() < 1e-12);
+                assert!(basis.slope[g].iter().sum::<f64>().abs() < 1e-12);
+            }
+        }
+        // Control points at the Greville abscissae give z itself, whose slope is one.
+        let mut knots = vec![0.0; 3];
+        for h in &grid.hz {
+            knots.push(knots[knots.len() - 1] + h);
+        }
+        let end = knots[knots.len() - 1];
+        knots.extend([end, end]);
+        for (k, basis) in grid.z.iter().enumerate() {
+            for g in 0..2 {
+                let slope: f64 =
+                    (0..3).map(|a| basis.slope[g][a] * 0.5 * (knots[k + a + 1] + knots[k + a + 2])).sum();
+                assert!((slope - 1.0).abs() < 1e-12, "cell {k}: {slope}");
+            }
+        }
+    }
+}

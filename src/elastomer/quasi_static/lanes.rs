@@ -1,0 +1,379 @@
+//! Sixteen single-precision numbers at once: the one place of the solver that knows instruction sets.
+//!
+//! A kernel is written once over [`Lanes`] and run through [`dispatch`], which picks AVX-512, AVX2 with
+//! FMA, NEON or plain arrays when the program starts. All of them are sixteen wide, so data layouts do
+//! not depend on the machine; results are bitwise equal on one instruction set, whatever the thread count.
+
+use std::sync::OnceLock;
+
+/// Width of every implementation.
+pub const WIDTH: usize = 16;
+
+/// Arithmetic on sixteen lanes.
+pub trait Lanes: Copy {
+    /// The same number in each lane.
+    fn splat(x: f32) -> Self;
+    /// Reads sixteen numbers from the front of a slice.
+    fn load(from: &[f32]) -> Self;
+    /// Writes sixteen numbers to the front of a slice.
+    fn store(self, to: &mut [f32]);
+    /// self + b.
+    fn add(self, b: Self) -> Self;
+    /// self - b.
+    fn sub(self, b: Self) -> Self;
+    /// self b.
+    fn mul(self, b: Self) -> Self;
+    /// self / b.
+    fn div(self, b: Self) -> Self;
+    /// self b + c.
+    fn fma(self, b: Self, c: Self) -> Self;
+    /// c - self b.
+    fn fnma(self, b: Self, c: Self) -> Self;
+    /// Lesser of two, lane by lane.
+    fn min(self, b: Self) -> Self;
+    /// Greater of two, lane by lane.
+    fn max(self, b: Self) -> Self;
+
+    /// The lanes as an array.
+    #[inline(always)]
+    fn to_array(self) -> [f32; WIDTH] {
+        let mut out = [0.0; WIDTH];
+        self.store(&mut out);
+        out
+    }
+}
+
+/// Work written over [`Lanes`].
+pub trait Kernel {
+    /// What it gives back.
+    type Output;
+    /// Does the work; implementations must be `#[inline(always)]`, as must everything they call with `L`.
+    fn run<L: Lanes>(self) -> Self::Output;
+}
+
+/// An instruction set the program can use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Isa {
+    /// AVX-512F.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+    /// AVX2 with FMA.
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    /// NEON.
+    #[cfg(target_arch = "aarch64")]
+    Neon,
+    /// Whatever the compiler makes of arrays.
+    Portable,
+}
+
+/// The best instruction set of this machine.
+pub fn best_isa() -> Isa {
+    static BEST: OnceLock<Isa> = OnceLock::new();
+    *BEST.get_or_init(|| {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx512f") {
+                return Isa::Avx512;
+            }
+            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+                return Isa::Avx2;
+            }
+        }
+        #[cfg(target_arch = "aarch64")]
+        if std::arch::is_aarch64_feature_detected!("neon") {
+            return Isa::Neon;
+        }
+        Isa::Portable
+    })
+}
+
+/// Runs a kernel on the best instruction set.
+pub fn dispatch<K: Kernel>(kernel: K) -> K::Output {
+    dispatch_on(best_isa(), kernel)
+}
+
+/// Runs a kernel on a named instruction set, which must be one this machine has.
+fn dispatch_on<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
+    match isa {
+        // SAFETY (all three): `best_isa` has seen the feature on this machine; tests ask the same way.
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx512 => unsafe { x86::run_avx512(kernel) },
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx2 => unsafe { x86::run_avx2(kernel) },
+        #[cfg(target_arch = "aarch64")]
+        Isa::Neon => unsafe { arm::run_neon(kernel) },
+        Isa::Portable => kernel.run::<Portable>(),
+    }
+}
+
+/// Sixteen numbers in an array.
+#[derive(Clone, Copy)]
+pub struct Portable([f32; WIDTH]);
+
+impl Portable {
+    #[inline(always)]
+    fn zip(self, b: Self, f: impl Fn(f32, f32) -> f32) -> Self {
+        let mut out = self;
+        for l in 0..WIDTH {
+            out.0[l] = f(self.0[l], b.0[l]);
+        }
+        out
+    }
+}
+
+impl Lanes for Portable {
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        Self([x; WIDTH])
+    }
+    #[inline(always)]
+    fn load(from: &[f32]) -> Self {
+        let mut out = [0.0; WIDTH];
+        out.copy_from_slice(&from[..WIDTH]);
+        Self(out)
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32]) {
+        to[..WIDTH].copy_from_slice(&self.0);
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        self.zip(b, |x, y| x + y)
+    }
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        self.zip(b, |x, y| x - y)
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        self.zip(b, |x, y| x * y)
+    }
+    #[inline(always)]
+    fn div(self, b: Self) -> Self {
+        self.zip(b, |x, y| x / y)
+    }
+    #[inline(always)]
+    fn fma(self, b: Self, c: Self) -> Self {
+        self.mul(b).add(c)
+    }
+    #[inline(always)]
+    fn fnma(self, b: Self, c: Self) -> Self {
+        c.sub(self.mul(b))
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        self.zip(b, |x, y| if x < y { x } else { y })
+    }
+    #[inline(always)]
+    fn max(self, b: Self) -> Self {
+        self.zip(b, |x, y| if x > y { x } else { y })
+    }
+}
+
+/// Implements [`Lanes`] by `$n` registers of `$w` numbers each.
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+macro_rules! registers {
+    ($name:ident, $reg:ty, $n:literal, $w:literal, $set1:ident, $load:expr, $store:expr, $add:ident, $sub:ident,
+     $mul:ident, $div:ident, $fma:expr, $fnma:expr, $min:ident, $max:ident) => {
+        /// Sixteen lanes in vector registers.
+        #[derive(Clone, Copy)]
+        pub struct $name([$reg; $n]);
+
+        impl $name {
+            #[inline(always)]
+            fn zip(self, b: Self, f: impl Fn($reg, $reg) -> $reg) -> Self {
+                let mut out = self;
+                for i in 0..$n {
+                    out.0[i] = f(self.0[i], b.0[i]);
+                }
+                out
+            }
+        }
+
+        // SAFETY (whole block): values of this type are made only inside the entry function below it,
+        // which carries the target feature; loads and stores are bounds-checked by the slicing before them.
+        impl Lanes for $name {
+            #[inline(always)]
+            fn splat(x: f32) -> Self {
+                Self([unsafe { $set1(x) }; $n])
+            }
+            #[inline(always)]
+            fn load(from: &[f32]) -> Self {
+                let from = &from[..WIDTH];
+                let mut out = Self::splat(0.0);
+                for i in 0..$n {
+                    out.0[i] = unsafe { $load(from.as_ptr().add(i * $w)) };
+                }
+                out
+            }
+            #[inline(always)]
+            fn store(self, to: &mut [f32]) {
+                let to = &mut to[..WIDTH];
+                for i in 0..$n {
+                    unsafe { $store(to.as_mut_ptr().add(i * $w), self.0[i]) };
+                }
+            }
+            #[inline(always)]
+            fn add(self, b: Self) -> Self {
+                self.zip(b, |x, y| unsafe { $add(x, y) })
+            }
+            #[inline(always)]
+            fn sub(self, b: Self) -> Self {
+                self.zip(b, |x, y| unsafe { $sub(x, y) })
+            }
+            #[inline(always)]
+            fn mul(self, b: Self) -> Self {
+                self.zip(b, |x, y| unsafe { $mul(x, y) })
+            }
+            #[inline(always)]
+            fn div(self, b: Self) -> Self {
+                self.zip(b, |x, y| unsafe { $div(x, y) })
+            }
+            #[inline(always)]
+            fn fma(self, b: Self, c: Self) -> Self {
+                let mut out = self;
+                for i in 0..$n {
+                    out.0[i] = unsafe { $fma(self.0[i], b.0[i], c.0[i]) };
+                }
+                out
+            }
+            #[inline(always)]
+            fn fnma(self, b: Self, c: Self) -> Self {
+                let mut out = self;
+                for i in 0..$n {
+                    out.0[i] = unsafe { $fnma(self.0[i], b.0[i], c.0[i]) };
+                }
+                out
+            }
+            #[inline(always)]
+            fn min(self, b: Self) -> Self {
+                self.zip(b, |x, y| unsafe { $min(x, y) })
+            }
+            #[inline(always)]
+            fn max(self, b: Self) -> Self {
+                self.zip(b, |x, y| unsafe { $max(x, y) })
+            }
+        }
+    };
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::{Kernel, Lanes, WIDTH};
+    use std::arch::x86_64::*;
+
+    registers!(
+        Avx512,
+        __m512,
+        1,
+        16,
+        _mm512_set1_ps,
+        |p| _mm512_loadu_ps(p),
+        |p, x| _mm512_storeu_ps(p, x),
+        _mm512_add_ps,
+        _mm512_sub_ps,
+        _mm512_mul_ps,
+        _mm512_div_ps,
+        |a, b, c| _mm512_fmadd_ps(a, b, c),
+        |a, b, c| _mm512_fnmadd_ps(a, b, c),
+        _mm512_min_ps,
+        _mm512_max_ps
+    );
+    registers!(
+        Avx2,
+        __m256,
+        2,
+        8,
+        _mm256_set1_ps,
+        |p| _mm256_loadu_ps(p),
+        |p, x| _mm256_storeu_ps(p, x),
+        _mm256_add_ps,
+        _mm256_sub_ps,
+        _mm256_mul_ps,
+        _mm256_div_ps,
+        |a, b, c| _mm256_fmadd_ps(a, b, c),
+        |a, b, c| _mm256_fnmadd_ps(a, b, c),
+        _mm256_min_ps,
+        _mm256_max_ps
+    );
+
+    #[target_feature(enable = "avx512f")]
+    pub(super) unsafe fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run::<Avx512>()
+    }
+
+    #[target_feature(enable = "avx2,fma")]
+    pub(super) unsafe fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run::<Avx2>()
+    }
+}
+
+#[cfg(target_arch = "aarch64")]
+mod arm {
+    use super::{Kernel, Lanes, WIDTH};
+    use std::arch::aarch64::*;
+
+    registers!(
+        Neon,
+        float32x4_t,
+        4,
+        4,
+        vdupq_n_f32,
+        |p| vld1q_f32(p),
+        |p, x| vst1q_f32(p, x),
+        vaddq_f32,
+        vsubq_f32,
+        vmulq_f32,
+        vdivq_f32,
+        |a, b, c| vfmaq_f32(c, a, b),
+        |a, b, c| vfmsq_f32(c, a, b),
+        vminq_f32,
+        vmaxq_f32
+    );
+
+    #[target_feature(enable = "neon")]
+    pub(super) unsafe fn run_neon<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run::<Neon>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Probe<'a>(&'a [f32], &'a [f32]);
+
+    impl Kernel for Probe<'_> {
+        type Output = [[f32; WIDTH]; 4];
+        #[inline(always)]
+        fn run<L: Lanes>(self) -> Self::Output {
+            let (a, b) = (L::load(self.0), L::load(&self.1[1..]));
+            let c = L::splat(0.5);
+            [
+                a.fma(b, c).to_array(),
+                a.fnma(b, c).sub(b).to_array(),
+                a.div(b).min(c).to_array(),
+                a.mul(b).max(c).add(a).to_array(),
+            ]
+        }
+    }
+
+    #[test]
+    fn every_instruction_set_computes_the_same_within_rounding() {
+        let a: Vec<f32> = (0..16).map(|i| 0.3 + i as f32).collect();
+        let b: Vec<f32> = (0..17).map(|i| 1.7 - 0.25 * i as f32).collect();
+        let want = dispatch_on(Isa::Portable, Probe(&a, &b));
+        let mut sets = vec![best_isa()];
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            sets.push(Isa::Avx2);
+        }
+        for isa in sets.drain(..) {
+            let got = dispatch_on(isa, Probe(&a, &b));
+            for (g, w) in got.iter().flatten().zip(want.iter().flatten()) {
+                assert!((g - w).abs() <= 1e-5 * w.abs().max(1.0), "{isa:?}: {g} instead of {w}");
+            }
+        }
+    }
+}

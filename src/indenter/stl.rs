@@ -1,0 +1,162 @@
+//! Indenters from watertight meshes in STL files.
+//!
+//! Three stages: [`read`] turns the file into triangles, [`topology`] welds their corners and proves
+//! that they close up, [`mesh`] answers closest-point queries on a hierarchy of boxes. The sign comes
+//! from angle-weighted pseudonormals (Baerentzen and Aanaes 2005), which is exact for closed meshes, so
+//! sharp features are kept: nothing is resampled. Self-intersections are not looked for, and edges
+//! of a mesh cannot be rounded.
+
+pub mod mesh;
+pub mod read;
+pub mod topology;
+
+use super::spec::{Centre, LengthUnit, TipEnd};
+use glam::DVec3;
+use mesh::Mesh;
+use std::path::{Path, PathBuf};
+
+/// Smallest and largest plausible extent of an indenter, mm; outside, the unit is doubted.
+const PLAUSIBLE_MM: (f64, f64) = (0.5, 200.0);
+
+/// Why a file did not become an indenter.
+#[derive(Debug, thiserror::Error)]
+#[error("{path}: {defect}")]
+pub struct Error {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    pub defect: Defect,
+}
+
+/// What is wrong with a mesh.
+#[derive(Debug, thiserror::Error)]
+pub enum Defect {
+    /// The file cannot be read.
+    #[error("cannot be read ({0}); check the path, which is relative to the indenter file")]
+    Unreadable(#[from] std::io::Error),
+    /// Neither form of STL.
+    #[error("is not an STL file ({0}); export the mesh as binary or ASCII STL")]
+    NotStl(String),
+    /// A binary file with fewer bytes than its triangle count needs.
+    #[error(
+        "is cut short: {triangles} triangles need {expected} bytes, there are {found}; copy or export it again"
+    )]
+    Truncated {
+        /// Count in the header.
+        triangles: u32,
+        /// Bytes needed.
+        expected: u64,
+        /// Bytes there.
+        found: u64,
+    },
+    /// No triangle.
+    #[error("holds no triangle (of {given} given, all are degenerate); export the solid again")]
+    Empty {
+        /// Triangles in the file.
+        given: usize,
+    },
+    /// A coordinate that is no number.
+    #[error("triangle {triangle} has a coordinate that is not a finite number; repair the mesh")]
+    NotFinite {
+        /// Which, from 0.
+        triangle: usize,
+    },
+    /// A hole.
+    #[error(
+        "is not watertight: {count} open edges, the first from {from} to {to} (file units); close the holes (e.g. \"make manifold\" in a mesh editor)"
+    )]
+    OpenEdges {
+        /// How many.
+        count: usize,
+        /// One end of the first.
+        from: DVec3,
+        /// Its other end.
+        to: DVec3,
+    },
+    /// More than two triangles at an edge.
+    #[error(
+        "is not manifold: {count} edges have more than two triangles, the first from {from} to {to} (file units); remove inner faces or separate the touching solids"
+    )]
+    NonManifold {
+        /// How many.
+        count: usize,
+        /// One end of the first.
+        from: DVec3,
+        /// Its other end.
+        to: DVec3,
+    },
+    /// Neighbouring triangles disagree about the outside.
+    #[error(
+        "has {count} edges whose two triangles face opposite ways, the first from {from} to {to} (file units); recalculate the normals"
+    )]
+    Orientation {
+        /// How many.
+        count: usize,
+        /// One end of the first.
+        from: DVec3,
+        /// Its other end.
+        to: DVec3,
+    },
+    /// The size is implausible for an indenter.
+    #[error("is {extent_mm:.4} mm across when read in {unit}, an indenter is {} to {} mm; {advice}", PLAUSIBLE_MM.0, PLAUSIBLE_MM.1)]
+    Size {
+        /// Largest extent, mm.
+        extent_mm: f64,
+        /// Unit it was read in.
+        unit: &'static str,
+        /// What to try.
+        advice: String,
+    },
+}
+
+/// Loads a mesh, checks that it is a closed solid, and puts its tip at z = 0 with the body towards +z.
+///
+/// # Errors
+/// Names the file and the defect.
+pub fn load(name: &str, path: &Path, unit: LengthUnit, tip: TipEnd, centre: Centre) -> Result<Mesh, Error> {
+    let place = || -> Result<Mesh, Defect> {
+        let triangles = read::triangles(&std::fs::read(path)?)?;
+        let mut solid = topology::close(&triangles)?;
+        let (low, high) = bounds(&solid.vertices);
+        check_size(high - low, unit)?;
+
+        // Into millimetres, tip down, tip at height 0.
+        let scale = unit.in_mm();
+        let axis = match centre {
+            Centre::Bounds => (low + high) / 2.0,
+            Centre::Origin => DVec3::ZERO,
+        };
+        for v in &mut solid.vertices {
+            *v = match tip {
+                TipEnd::MinusZ => DVec3::new(v.x - axis.x, v.y - axis.y, v.z - low.z),
+                // Half a turn about x: a proper rotation, which keeps the mesh from being mirrored.
+                TipEnd::PlusZ => DVec3::new(v.x - axis.x, axis.y - v.y, high.z - v.z),
+            } * scale;
+        }
+        Ok(Mesh::new(name, solid))
+    };
+    place().map_err(|defect| Error { path: path.to_owned(), defect })
+}
+
+fn bounds(points: &[DVec3]) -> (DVec3, DVec3) {
+    points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), &p| (low.min(p), high.max(p)))
+}
+
+fn check_size(extent: DVec3, unit: LengthUnit) -> Result<(), Defect> {
+    let plausible = |u: LengthUnit| {
+        let mm = extent.max_element() * u.in_mm();
+        (PLAUSIBLE_MM.0..=PLAUSIBLE_MM.1).contains(&mm)
+    };
+    if plausible(unit) {
+        return Ok(());
+    }
+    let all = [LengthUnit::Millimetre, LengthUnit::Metre, LengthUnit::Inch];
+    let advice = match all.into_iter().find(|&u| plausible(u)) {
+        Some(u) => format!("the file is probably in {}: set unit = \"{}\"", u.name(), u.name()),
+        None => "scale the mesh to the indenter's true size".to_owned(),
+    };
+    Err(Defect::Size { extent_mm: extent.max_element() * unit.in_mm(), unit: unit.name(), advice })
+}
+
+#[cfg(test)]
+mod tests;

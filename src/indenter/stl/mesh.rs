@@ -1,0 +1,229 @@
+//! Signed distance to a closed triangle mesh.
+//!
+//! A binary hierarchy of boxes (median split along the longest side, built in parallel) finds the
+//! nearest triangle; whether its nearest point is in the face, on an edge or at a corner decides which
+//! pseudonormal tells inside from outside.
+
+use super::topology::Solid;
+use crate::indenter::Indenter;
+use glam::{DVec2, DVec3};
+use std::collections::HashMap;
+
+/// Triangles in a leaf.
+const LEAF: usize = 4;
+
+/// A mesh that answers distance queries.
+#[derive(Debug)]
+pub struct Mesh {
+    name: String,
+    triangles: Vec<Triangle>,
+    root: Node,
+    half_extent: DVec2,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Triangle {
+    corners: [DVec3; 3],
+    /// Pseudonormals (any length): face, edges (0 to 1, 1 to 2, 2 to 0), corners.
+    face: DVec3,
+    edges: [DVec3; 3],
+    vertices: [DVec3; 3],
+}
+
+#[derive(Debug)]
+struct Node {
+    low: DVec3,
+    high: DVec3,
+    /// Range of triangles below this node.
+    range: std::ops::Range<usize>,
+    children: Option<Box<[Node; 2]>>,
+}
+
+impl Mesh {
+    /// Builds the hierarchy and the pseudonormals.
+    pub fn new(name: &str, solid: Solid) -> Mesh {
+        let at = |i: u32| solid.vertices[i as usize];
+        let face_normals: Vec<DVec3> = solid
+            .triangles
+            .iter()
+            .map(|t| (at(t[1]) - at(t[0])).cross(at(t[2]) - at(t[0])).normalize_or_zero())
+            .collect();
+
+        // Angle-weighted at corners, plain sums at edges.
+        let mut at_vertex = vec![DVec3::ZERO; solid.vertices.len()];
+        let mut at_edge: HashMap<(u32, u32), DVec3> = HashMap::new();
+        for (t, &n) in solid.triangles.iter().zip(&face_normals) {
+            for k in 0..3 {
+                let (a, b, c) = (t[k], t[(k + 1) % 3], t[(k + 2) % 3]);
+                at_vertex[a as usize] += n * (at(b) - at(a)).angle_between(at(c) - at(a));
+                *at_edge.entry((a.min(b), a.max(b))).or_default() += n;
+            }
+        }
+        let edge = |a: u32, b: u32| at_edge[&(a.min(b), a.max(b))];
+        let mut triangles: Vec<Triangle> = solid
+            .triangles
+            .iter()
+            .zip(&face_normals)
+            .map(|(t, &face)| Triangle {
+                corners: t.map(at),
+                face,
+                edges: [edge(t[0], t[1]), edge(t[1], t[2]), edge(t[2], t[0])],
+                vertices: t.map(|i| at_vertex[i as usize]),
+            })
+            .collect();
+
+        let (low, high) = super::bounds(&solid.vertices);
+        let reach = low.abs().max(high.abs());
+        let root = Node::build(&mut triangles, 0);
+        Mesh { name: name.to_owned(), triangles, root, half_extent: DVec2::new(reach.x, reach.y) }
+    }
+
+    /// The nearest surface point and the pseudonormal there.
+    fn nearest(&self, p: DVec3) -> (DVec3, DVec3) {
+        let mut best = (f64::INFINITY, DVec3::ZERO, DVec3::Z);
+        let mut stack = vec![&self.root];
+        while let Some(node) = stack.pop() {
+            if node.gap_squared(p) >= best.0 {
+                continue;
+            }
+            if let Some(children) = &node.children {
+                let [near, far] = &**children;
+                let swap = near.gap_squared(p) > far.gap_squared(p);
+                stack.extend(if swap { [near, far] } else { [far, near] });
+                continue;
+            }
+            for triangle in &self.triangles[node.range.clone()] {
+                let (q, n) = triangle.nearest(p);
+                let d2 = p.distance_squared(q);
+                if d2 < best.0 {
+                    best = (d2, q, n);
+                }
+            }
+        }
+        (best.1, best.2)
+    }
+}
+
+impl Indenter for Mesh {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn distance(&self, p: DVec3) -> f64 {
+        self.distance_and_normal(p).0
+    }
+
+    fn distance_and_normal(&self, p: DVec3) -> (f64, DVec3) {
+        let (q, pseudonormal) = self.nearest(p);
+        let away = p - q;
+        let d = away.length();
+        if d < 1e-9 {
+            return (0.0, pseudonormal.normalize_or(DVec3::NEG_Z));
+        }
+        let sign = if away.dot(pseudonormal) < 0.0 { -1.0 } else { 1.0 };
+        (sign * d, away * (sign / d))
+    }
+
+    fn half_extent_mm(&self) -> [f64; 2] {
+        self.half_extent.into()
+    }
+
+    fn lower_surface(&self, x_mm: f64, y_mm: f64) -> Option<f64> {
+        let at = DVec2::new(x_mm, y_mm);
+        let mut lowest: Option<f64> = None;
+        let mut stack = vec![&self.root];
+        while let Some(node) = stack.pop() {
+            let beside = at.cmplt(node.low.truncate()).any() || at.cmpgt(node.high.truncate()).any();
+            if beside || lowest.is_some_and(|z| z <= node.low.z) {
+                continue;
+            }
+            if let Some(children) = &node.children {
+                stack.extend(children.iter());
+                continue;
+            }
+            for triangle in &self.triangles[node.range.clone()] {
+                if let Some(z) = triangle.height_at(at) {
+                    lowest = Some(lowest.map_or(z, |l| l.min(z)));
+                }
+            }
+        }
+        lowest
+    }
+}
+
+impl Node {
+    fn build(triangles: &mut [Triangle], start: usize) -> Node {
+        let corners = triangles.iter().flat_map(|t| t.corners);
+        let (low, high) =
+            corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+        let range = start..start + triangles.len();
+        if triangles.len() <= LEAF {
+            return Node { low, high, range, children: None };
+        }
+        let axis = (high - low).max_position();
+        let middle = triangles.len() / 2;
+        let key = |t: &Triangle| t.corners[0][axis] + t.corners[1][axis] + t.corners[2][axis];
+        triangles.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)));
+        let (left, right) = triangles.split_at_mut(middle);
+        let children = if left.len() > 4096 {
+            rayon::join(|| Self::build(left, start), || Self::build(right, start + middle))
+        } else {
+            (Self::build(left, start), Self::build(right, start + middle))
+        };
+        Node { low, high, range, children: Some(Box::new([children.0, children.1])) }
+    }
+
+    fn gap_squared(&self, p: DVec3) -> f64 {
+        (self.low - p).max(p - self.high).max(DVec3::ZERO).length_squared()
+    }
+}
+
+impl Triangle {
+    /// Nearest point by Voronoi regions (Ericson, Real-Time Collision Detection, 5.1.5), and the
+    /// pseudonormal of the feature it lies on.
+    fn nearest(&self, p: DVec3) -> (DVec3, DVec3) {
+        let [a, b, c] = self.corners;
+        let (ab, ac, ap) = (b - a, c - a, p - a);
+        let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+        if d1 <= 0.0 && d2 <= 0.0 {
+            return (a, self.vertices[0]);
+        }
+        let bp = p - b;
+        let (d3, d4) = (ab.dot(bp), ac.dot(bp));
+        if d3 >= 0.0 && d4 <= d3 {
+            return (b, self.vertices[1]);
+        }
+        let vc = d1 * d4 - d3 * d2;
+        if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+            return (a + ab * (d1 / (d1 - d3)), self.edges[0]);
+        }
+        let cp = p - c;
+        let (d5, d6) = (ab.dot(cp), ac.dot(cp));
+        if d6 >= 0.0 && d5 <= d6 {
+            return (c, self.vertices[2]);
+        }
+        let vb = d5 * d2 - d1 * d6;
+        if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+            return (a + ac * (d2 / (d2 - d6)), self.edges[2]);
+        }
+        let va = d3 * d6 - d5 * d4;
+        if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
+            return (b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6))), self.edges[1]);
+        }
+        let sum = va + vb + vc;
+        (a + ab * (vb / sum) + ac * (vc / sum), self.face)
+    }
+
+    /// Height of the triangle above (x, y), edges included.
+    fn height_at(&self, at: DVec2) -> Option<f64> {
+        let [a, b, c] = self.corners.map(|v| v.truncate());
+        let area = (b - a).perp_dot(c - a);
+        if area == 0.0 {
+            return None;
+        }
+        let weight = |p: DVec2, q: DVec2| (q - p).perp_dot(at - p) / area;
+        let (wa, wb, wc) = (weight(b, c), weight(c, a), weight(a, b));
+        let within = wa.min(wb).min(wc) >= -1e-9;
+        within.then(|| wa * self.corners[0].z + wb * self.corners[1].z + wc * self.corners[2].z)
+    }
+}

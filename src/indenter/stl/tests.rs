@@ -1,0 +1,197 @@
+//! Meshes against the parametric solids they are cut from, and one broken file for every defect.
+
+use super::*;
+use crate::indenter::{self, Indenter, IndenterSpec};
+use std::f64::consts::TAU;
+
+type Triangles = Vec<[DVec3; 3]>;
+
+fn quad(out: &mut Triangles, a: DVec3, b: DVec3, c: DVec3, d: DVec3) {
+    out.extend([[a, b, c], [a, c, d]]);
+}
+
+/// A box from `low` to `high`, outward faces.
+fn cuboid(low: DVec3, high: DVec3) -> Triangles {
+    let v = |x: f64, y: f64, z: f64| low + (high - low) * DVec3::new(x, y, z);
+    let mut t = Vec::new();
+    quad(&mut t, v(0., 0., 0.), v(0., 1., 0.), v(1., 1., 0.), v(1., 0., 0.));
+    quad(&mut t, v(0., 0., 1.), v(1., 0., 1.), v(1., 1., 1.), v(0., 1., 1.));
+    quad(&mut t, v(0., 0., 0.), v(1., 0., 0.), v(1., 0., 1.), v(0., 0., 1.));
+    quad(&mut t, v(0., 1., 0.), v(0., 1., 1.), v(1., 1., 1.), v(1., 1., 0.));
+    quad(&mut t, v(0., 0., 0.), v(0., 0., 1.), v(0., 1., 1.), v(0., 1., 0.));
+    quad(&mut t, v(1., 0., 0.), v(1., 1., 0.), v(1., 1., 1.), v(1., 0., 1.));
+    t
+}
+
+/// A torus about z with its lowest point at 0.
+fn torus(n: usize, m: usize) -> Triangles {
+    let point = |i: usize, j: usize| {
+        let (u, v) = (TAU * (i % n) as f64 / n as f64, TAU * (j % m) as f64 / m as f64);
+        let rho = 3.0 + 1.5 * v.cos();
+        DVec3::new(rho * u.cos(), rho * u.sin(), 1.5 + 1.5 * v.sin())
+    };
+    let mut t = Vec::new();
+    for i in 0..n {
+        for j in 0..m {
+            quad(&mut t, point(i, j), point(i + 1, j), point(i + 1, j + 1), point(i, j + 1));
+        }
+    }
+    t
+}
+
+fn binary(triangles: &Triangles) -> Vec<u8> {
+    // The header begins like an ASCII file, as many exporters write it.
+    let mut bytes = b"solid but binary".to_vec();
+    bytes.resize(80, b' ');
+    bytes.extend((triangles.len() as u32).to_le_bytes());
+    for t in triangles {
+        bytes.extend([0u8; 12]);
+        for c in t.iter().flat_map(|v| v.to_array()) {
+            bytes.extend((c as f32).to_le_bytes());
+        }
+        bytes.extend([0u8; 2]);
+    }
+    bytes
+}
+
+fn ascii(triangles: &Triangles) -> Vec<u8> {
+    let mut text = String::from("solid test\n");
+    for t in triangles {
+        text += "  facet normal 0 0 0\n    outer loop\n";
+        for v in t {
+            text += &format!("      vertex {} {} {}\n", v.x, v.y, v.z);
+        }
+        text += "    endloop\n  endfacet\n";
+    }
+    (text + "endsolid test\n").into_bytes()
+}
+
+fn load_bytes(bytes: &[u8], unit: LengthUnit, tip: TipEnd) -> Result<Mesh, Defect> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mesh.stl");
+    std::fs::write(&path, bytes).unwrap();
+    load("mesh", &path, unit, tip, Centre::Bounds).map_err(|e| {
+        assert!(e.to_string().contains("mesh.stl: "));
+        e.defect
+    })
+}
+
+fn load_mm(triangles: &Triangles) -> Result<Mesh, Defect> {
+    load_bytes(&binary(triangles), LengthUnit::Millimetre, TipEnd::MinusZ)
+}
+
+#[test]
+fn a_box_has_the_distance_of_a_box_at_faces_edges_and_corners() {
+    let prism: IndenterSpec =
+        toml::from_str("[shape]\nkind = \"flat\"\nplan = { kind = \"rectangle\", x_mm = 5, y_mm = 7 }")
+            .unwrap();
+    let exact = indenter::from_spec("prism", &prism, None).unwrap();
+    let mesh = load_mm(&cuboid(DVec3::new(-2.5, -3.5, 0.0), DVec3::new(2.5, 3.5, 8.0))).unwrap();
+    assert_eq!(mesh.half_extent_mm(), [2.5, 3.5]);
+    for k in 0..12 {
+        for j in 0..21 {
+            for i in 0..21 {
+                let p =
+                    DVec3::new(0.37 * f64::from(i - 10), 0.41 * f64::from(j - 10), 0.83 * f64::from(k) - 0.9);
+                let ((d, n), (e, m)) = (mesh.distance_and_normal(p), exact.distance_and_normal(p));
+                assert!((d - e).abs() < 1e-9, "at {p}: mesh {d}, exact {e}");
+                if e > 0.0 {
+                    assert!((n - m).length() < 1e-9, "at {p}: mesh {n}, exact {m}");
+                }
+                let (low, exact_low) = (mesh.lower_surface(p.x, p.y), exact.lower_surface(p.x, p.y));
+                assert_eq!(low.is_some(), exact_low.is_some());
+                assert!(low.is_none_or(|z| z.abs() < 1e-12));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_fine_torus_mesh_agrees_with_the_torus_within_its_facets() {
+    let mesh = load_mm(&torus(256, 128)).unwrap();
+    for i in 0..2000 {
+        let t = f64::from(i);
+        let p =
+            DVec3::new(5.0 * (t * 0.37).sin(), 5.0 * (t * 0.73).cos(), 4.0 * (t * 0.11).sin().abs() - 0.5);
+        let exact = (p.x.hypot(p.y) - 3.0).hypot(p.z - 1.5) - 1.5;
+        let (d, n) = mesh.distance_and_normal(p);
+        // Sagitta of the facets: R (1 - cos(pi / n)).
+        assert!((d - exact).abs() < 1.5e-3, "at {p}: mesh {d}, exact {exact}");
+        assert!((n.length() - 1.0).abs() < 1e-12);
+    }
+    let exact_low = 1.5 - (2.25f64 - 0.25).sqrt();
+    assert!((mesh.lower_surface(2.5, 0.0).unwrap() - exact_low).abs() < 1e-3);
+    assert_eq!(mesh.lower_surface(0.0, 0.0), None);
+}
+
+#[test]
+fn ascii_metres_inside_out_and_upside_down_give_the_same_body() {
+    let upright = cuboid(DVec3::new(1.0, 1.0, 0.0), DVec3::new(3.0, 5.0, 6.0));
+    let reference = load_mm(&upright).unwrap();
+    let text = load_bytes(&ascii(&upright), LengthUnit::Millimetre, TipEnd::MinusZ).unwrap();
+    let inside_out = load_mm(&upright.iter().map(|t| [t[0], t[2], t[1]]).collect()).unwrap();
+    let metres: Triangles = upright.iter().map(|t| t.map(|v| v * 1e-3)).collect();
+    let metres = load_bytes(&binary(&metres), LengthUnit::Metre, TipEnd::MinusZ).unwrap();
+    let turned: Triangles = upright.iter().map(|t| t.map(|v| DVec3::new(v.x, -v.y, -v.z))).collect();
+    let turned = load_bytes(&binary(&turned), LengthUnit::Millimetre, TipEnd::PlusZ).unwrap();
+    for p in [DVec3::new(0.2, 0.3, -0.4), DVec3::new(1.3, -2.2, 0.5), DVec3::new(0.9, 1.9, 0.05)] {
+        let d = reference.distance(p);
+        for other in [&text, &inside_out, &metres, &turned] {
+            assert!((other.distance(p) - d).abs() < 1e-5, "{} {d}", other.distance(p));
+        }
+    }
+}
+
+#[test]
+fn every_defect_is_named() {
+    let whole = cuboid(DVec3::ZERO, DVec3::splat(4.0));
+    let message = |r: Result<Mesh, Defect>| r.map(|_| ()).unwrap_err().to_string();
+    let mm = LengthUnit::Millimetre;
+
+    let open = message(load_mm(&whole[1..].to_vec()));
+    assert!(open.contains("not watertight: 3 open edges, the first from ["), "{open}");
+
+    let mut fin = whole.clone();
+    fin.push([whole[0][0], whole[0][1], DVec3::new(0.0, 0.0, 9.0)]);
+    assert!(message(load_mm(&fin)).contains("not manifold: 1 edges"));
+
+    let mut flipped = whole.clone();
+    flipped[0].swap(1, 2);
+    assert!(message(load_mm(&flipped)).contains("face opposite ways"));
+
+    assert!(message(load_mm(&Vec::new())).contains("holds no triangle"));
+    assert!(message(load_mm(&vec![[DVec3::ONE; 3]])).contains("of 1 given, all are degenerate"));
+
+    let mut nan = whole.clone();
+    nan[3][1].y = f64::NAN;
+    assert!(message(load_mm(&nan)).contains("triangle 3 has a coordinate"));
+
+    let metres: Triangles = whole.iter().map(|t| t.map(|v| v * 1e-3)).collect();
+    let guess = message(load_mm(&metres));
+    assert!(guess.contains("0.0040 mm across when read in mm") && guess.contains("unit = \"m\""), "{guess}");
+
+    let cut = &binary(&whole)[..400];
+    assert!(
+        message(load_bytes(cut, mm, TipEnd::MinusZ))
+            .contains("is cut short: 12 triangles need 684 bytes, there are 400")
+    );
+    assert!(message(load_bytes(b"PK\x03\x04", mm, TipEnd::MinusZ)).contains("is not an STL file"));
+    assert!(message(load_bytes(&[0xff; 300], mm, TipEnd::MinusZ)).contains("is not an STL file"));
+    assert!(message(load_bytes(b"solid x\nvertex 1 2 nonsense\n", mm, TipEnd::MinusZ)).contains("line 2"));
+
+    let missing = load("mesh", Path::new("/nonexistent/a.stl"), mm, TipEnd::MinusZ, Centre::Bounds);
+    assert!(missing.map(|_| ()).unwrap_err().to_string().contains("cannot be read"));
+}
+
+#[test]
+fn a_spec_names_a_mesh_relative_to_its_file_and_refuses_to_round_it() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("cube.stl"), binary(&cuboid(DVec3::ZERO, DVec3::splat(4.0)))).unwrap();
+    let mut spec: IndenterSpec =
+        toml::from_str("[shape]\nkind = \"stl\"\npath = \"cube.stl\"\nunit = \"mm\"\ntip = \"+z\"").unwrap();
+    spec.resolve(folder.path());
+    let cube = indenter::from_spec("cube", &spec, None).unwrap();
+    assert!((cube.distance(DVec3::new(0.0, 0.0, -1.0)) - 1.0).abs() < 1e-9);
+    let error = indenter::from_spec("cube", &spec, Some(0.3)).unwrap_err().to_string();
+    assert!(error.contains("edges of a mesh cannot be rounded"), "{error}");
+}

@@ -1,0 +1,267 @@
+//! Surface in, picture and depth map out: a sensor made ready for many captures.
+//!
+//! What does not change between captures is done once: the untouched picture, from which texture mode
+//! `ratio` and the automatic exposure follow. Pictures of one imager share their random numbers, so the noise of
+//! the ratio vanishes where nothing moved.
+
+use super::sensor::{SensorOptics, TextureMode};
+use super::sensor_scene::{face, scene};
+use super::surface::DisplacedSurface;
+use super::{Error, Film, Texture, imaging, reference};
+use glam::{Vec2, Vec3};
+use std::time::Instant;
+
+/// Mean of the untouched picture, linear, where no image of the untouched sensor gives it (found by
+/// experiment: a mid grey after the sRGB curve, with headroom for the bright flanks).
+const MIDDLE: f32 = 0.35;
+
+/// An 8-bit image of the untouched sensor.
+#[derive(Debug, Clone, Copy)]
+pub struct Background<'a> {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `height * width * 3` code values, row 0 on top.
+    pub rgb: &'a [u8],
+}
+
+/// A sensor ready to be seen.
+#[derive(Debug, Clone)]
+pub struct Imager {
+    sensor: SensorOptics,
+    settings: reference::Settings,
+    background: Option<Texture>,
+    /// Linear picture of the untouched sensor, and where each pixel sees the face.
+    untouched: Film,
+    untouched_uv: Vec<Option<Vec2>>,
+    exposure: f32,
+}
+
+/// What an imager makes of one surface.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Code values, row 0 on top.
+    pub rgb: Vec<u8>,
+    /// The rendered light before image formation.
+    pub light: Film,
+    /// Pad-frame height of what each pixel's centre sees, mm, row 0 on top; NaN where it sees no pad.
+    pub depth_mm: Vec<f32>,
+    /// Seconds for mesh and tree.
+    pub build_s: f64,
+    /// Seconds for rendering and image formation.
+    pub render_s: f64,
+}
+
+impl Imager {
+    /// Renders the untouched face once. `background` is the image of the untouched sensor; without it, textures
+    /// are left out and the picture is the coating's.
+    ///
+    /// # Errors
+    /// When the sensor or the face cannot be rendered, or the background is cut short.
+    pub fn new(
+        sensor: &SensorOptics,
+        settings: reference::Settings,
+        background: Option<Background<'_>>,
+        untouched: &DisplacedSurface,
+    ) -> Result<Self, Error> {
+        if let Some(b) = background.filter(|b| b.rgb.len() != b.width * b.height * 3 || b.rgb.is_empty()) {
+            return Err(Error::Setting {
+                key: "texture",
+                value: format!("{} code values for {} x {} pixels", b.rgb.len(), b.width, b.height),
+                why: "the image of the untouched sensor is cut short; take it again".to_owned(),
+            });
+        }
+        let background = background.map(|b| {
+            let light = |code: &u8| imaging::decode(*code, &sensor.image);
+            let texels = b.rgb.chunks_exact(3).map(|p| Vec3::new(light(&p[0]), light(&p[1]), light(&p[2])));
+            Texture { width: b.width, height: b.height, texels: texels.collect() }
+        });
+        let mut imager = Self {
+            sensor: sensor.clone(),
+            settings,
+            background,
+            untouched: Film::new(0, 0),
+            untouched_uv: Vec::new(),
+            exposure: 1.0,
+        };
+        let renderer = imager.renderer(&untouched.at_rest())?;
+        imager.untouched = renderer.render(&imager.settings);
+        imager.untouched_uv = renderer.sights().iter().map(|s| s.map(|s| s.uv)).collect();
+        let target = imager.background.as_ref().map_or(MIDDLE, |b| b.mean().element_sum() / 3.0);
+        let mean = imager.untouched.mean().element_sum() / 3.0;
+        imager.exposure = match sensor.image.exposure {
+            Some(exposure) => exposure as f32,
+            None if mean > 0.0 => target / mean,
+            None => 1.0,
+        };
+        Ok(imager)
+    }
+
+    /// The picture of a face. `index` numbers the capture, for the camera's noise.
+    ///
+    /// # Errors
+    /// When the face is no lattice or has positions that are not finite.
+    pub fn picture(&self, surface: &DisplacedSurface, index: u32) -> Result<Picture, Error> {
+        let start = Instant::now();
+        let renderer = self.renderer(surface)?;
+        let build_s = start.elapsed().as_secs_f64();
+        let start = Instant::now();
+        let light = renderer.render(&self.settings);
+        let sights = renderer.sights();
+        let rgb = match (&self.background, self.sensor.texture) {
+            (Some(background), TextureMode::Ratio) => {
+                let relit = self.relight(background, &light, &sights);
+                imaging::develop(&relit, &self.sensor.image, index)
+            }
+            _ => imaging::expose(&light, &self.sensor.image, self.exposure, index),
+        };
+        let depth_mm = sights.iter().map(|s| s.map_or(f32::NAN, |s| s.point.z)).collect();
+        Ok(Picture { rgb, light, depth_mm, build_s, render_s: start.elapsed().as_secs_f64() })
+    }
+
+    fn renderer(&self, surface: &DisplacedSurface) -> Result<reference::Renderer, Error> {
+        reference::Renderer::new(&scene(
+            &self.sensor,
+            &face(&self.sensor, surface),
+            self.background.as_ref(),
+        )?)
+    }
+
+    /// The untouched image, carried along by the material and multiplied by what the light there became: a point
+    /// seen at p that lay at q shows I0(q) E(p)/E0(q).
+    fn relight(&self, background: &Texture, light: &Film, sights: &[Option<reference::Sight>]) -> Film {
+        let flat =
+            Texture { width: light.width, height: light.height, texels: self.untouched.pixels.clone() };
+        // Where the untouched sensor is dark the ratio means nothing; a thousandth of the mean bounds it.
+        let floor = (flat.mean() * 1e-3).max(Vec3::splat(1e-12));
+        let mut relit = Film::new(light.width, light.height);
+        for (k, pixel) in relit.pixels.iter_mut().enumerate() {
+            let centre = Vec2::new(
+                ((k % light.width) as f32 + 0.5) / light.width as f32,
+                ((k / light.width) as f32 + 0.5) / light.height as f32,
+            );
+            // Only the shift of the material counts: a lens or plate bends both views alike.
+            let at = match (sights[k], self.untouched_uv[k]) {
+                (Some(now), Some(before)) => centre + (now.uv - before),
+                _ => centre,
+            };
+            let ratio = light.pixels[k].max(floor) / flat.sample(at).max(floor);
+            *pixel = background.sample(at) * ratio;
+        }
+        relit
+    }
+}
+
+/// Pad-frame height of the face on the camera's pixel grid, mm, row 0 on top; NaN where a pixel sees no pad.
+///
+/// # Errors
+/// When the face is no lattice or has positions that are not finite.
+pub fn depth_map(sensor: &SensorOptics, surface: &DisplacedSurface) -> Result<Vec<f32>, Error> {
+    let renderer = reference::Renderer::new(&scene(sensor, surface, None)?)?;
+    Ok(renderer.sights().iter().map(|s| s.map_or(f32::NAN, |s| s.point.z)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::{sensor::*, sensor_scene::texture_coordinate};
+
+    fn small_sensor(texture: TextureMode) -> SensorOptics {
+        let light = |name: &str, center_mm: [f64; 3], facing: [f64; 3], rgb: [f64; 3]| LightSpec {
+            name: name.to_owned(),
+            shape: LightShapeSpec::Rectangle { center_mm, facing, size_mm: [6.0, 2.0] },
+            rgb,
+            energy: 1000.0,
+            cosine_power: 0.0,
+            albedo: 0.5,
+        };
+        SensorOptics {
+            camera: CameraSpec {
+                width_px: 48,
+                height_px: 36,
+                mm_per_px: 0.25,
+                distance_mm: 12.0,
+                center_mm: [0.0, 0.0],
+                distortion: None,
+                aperture_radius_mm: 0.0,
+            },
+            housing: Some(HousingSpec {
+                x_mm: [-8.0, 8.0],
+                y_mm: [-8.0, 8.0],
+                height_mm: 14.0,
+                skirt_mm: 0.5,
+                albedo: 0.4,
+            }),
+            plate: None,
+            lights: vec![
+                light("blue", [-7.999, 0.0, -4.0], [1.0, 0.0, 0.0], [25.0, 75.0, 255.0]),
+                light("red", [0.0, 7.999, -4.0], [0.0, -1.0, 0.0], [255.0, 50.0, 75.0]),
+            ],
+            coating: CoatingSpec::default(),
+            texture,
+            mesh: MeshSpec::default(),
+            image: ImageSpec::default(),
+            max_events: 6,
+        }
+    }
+
+    fn pressed() -> DisplacedSurface {
+        let mut s = DisplacedSurface::flat(65, 65, [16.0, 16.0]);
+        for p in &mut s.positions {
+            let r2 = (p.x - 1.0).powi(2) + p.y.powi(2);
+            p.z -= 0.8 * (-r2 / 2.0).exp();
+        }
+        s
+    }
+
+    fn dusty() -> Vec<u8> {
+        (0..48 * 36 * 3).map(|k| 60 + ((k * 7919) % 131) as u8).collect()
+    }
+
+    #[test]
+    fn the_ratio_of_the_untouched_sensor_is_its_image() {
+        let sensor = small_sensor(TextureMode::Ratio);
+        let rest = DisplacedSurface::flat(65, 65, [16.0, 16.0]);
+        let rgb = dusty();
+        let background = Background { width: 48, height: 36, rgb: &rgb };
+        let settings = reference::Settings { samples: 4, seed: 2 };
+        let imager = Imager::new(&sensor, settings, Some(background), &rest).unwrap();
+        assert_eq!(imager.picture(&rest, 0).unwrap().rgb, rgb);
+        let touched = imager.picture(&pressed(), 0).unwrap();
+        assert_ne!(touched.rgb, rgb);
+        // Depth on the pixel grid: the press stands 1 mm (4 pixels) right of the centre.
+        let deepest =
+            (0..48 * 36).min_by(|&a, &b| touched.depth_mm[a].total_cmp(&touched.depth_mm[b])).unwrap();
+        assert!((26..30).contains(&(deepest % 48)) && (16..20).contains(&(deepest / 48)));
+        assert!((touched.depth_mm[deepest] + 0.8).abs() < 0.04);
+        assert_eq!(touched.depth_mm, depth_map(&sensor, &face(&sensor, &pressed())).unwrap());
+    }
+
+    #[test]
+    fn left_is_blue_and_bottom_is_red_and_the_automatic_exposure_holds() {
+        let sensor = small_sensor(TextureMode::None);
+        let rest = DisplacedSurface::flat(65, 65, [16.0, 16.0]);
+        let settings = reference::Settings { samples: 16, seed: 2 };
+        let imager = Imager::new(&sensor, settings, None, &rest).unwrap();
+        let picture = imager.picture(&rest, 0).unwrap();
+        let at = |x: usize, y: usize| picture.light.at(x, y);
+        assert!(at(2, 18).z > 1.5 * at(45, 18).z, "blue falls from left to right");
+        assert!(at(24, 33).x > 1.5 * at(24, 2).x, "red falls from bottom to top");
+        let mean: f64 = picture.rgb.iter().map(|&c| f64::from(imaging::decode(c, &sensor.image))).sum();
+        assert!((mean / picture.rgb.len() as f64 - 0.35).abs() < 0.02);
+    }
+
+    #[test]
+    fn a_pixel_of_the_untouched_picture_is_its_own_texture_coordinate() {
+        let sensor = small_sensor(TextureMode::Ratio);
+        let rest = DisplacedSurface::flat(65, 65, [16.0, 16.0]);
+        let renderer = reference::Renderer::new(&scene(&sensor, &rest, None).unwrap()).unwrap();
+        for (k, sight) in renderer.sights().iter().enumerate() {
+            let sight = sight.unwrap();
+            let centre = Vec2::new((k % 48) as f32 + 0.5, (k / 48) as f32 + 0.5) / Vec2::new(48.0, 36.0);
+            assert!((sight.uv - centre).length() < 1e-5);
+            assert!((texture_coordinate(&sensor, sight.point.x, sight.point.y) - centre).length() < 1e-5);
+        }
+    }
+}

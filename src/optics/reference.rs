@@ -1,0 +1,150 @@
+//! The reference renderer: path tracing, unbiased up to the scene's event limit.
+//!
+//! It is the judge of every faster method. What it estimates, per pixel: the mean over the pixel's square
+//! (and the lens) of the radiance that arrives after 1 to `max_events` scatterings, or directly from a light.
+//! How a path is followed stands in [`path`]; here are the scene made ready, the tiles and the film.
+//!
+//! A picture depends on scene, samples and seed alone: not on threads, not on tiles. Two pictures of the
+//! same seed use the same random numbers, so that their ratio is less noisy than either.
+
+mod path;
+mod plate;
+mod prepared;
+
+use super::{Error, Film, Scene, bsdf::Lobe, bsdf::refract, sampler::Sampler, to_pad};
+use glam::{DVec3, Vec3};
+use path::Path;
+use prepared::Prepared;
+use rayon::prelude::*;
+
+/// What can be chosen about a reference picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Samples a pixel; powers of two are stratified best.
+    pub samples: u32,
+    /// Seed of the random numbers.
+    pub seed: u32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { samples: 128, seed: 0 }
+    }
+}
+
+/// A scene ready for rendering.
+#[derive(Debug, Clone)]
+pub struct Renderer {
+    prepared: Prepared,
+}
+
+/// A point of the pad's face as a pixel sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sight {
+    /// The point, pad frame, mm.
+    pub point: Vec3,
+    /// Its texture coordinate.
+    pub uv: glam::Vec2,
+}
+
+/// Edge of the tiles that threads take, pixels.
+const TILE: usize = 16;
+
+impl Renderer {
+    /// Checks the scene and builds the tree over its triangles.
+    ///
+    /// # Errors
+    /// When a part of the scene cannot be rendered.
+    pub fn new(scene: &Scene) -> Result<Self, Error> {
+        Ok(Self { prepared: Prepared::new(scene)? })
+    }
+
+    /// The picture.
+    pub fn render(&self, settings: &Settings) -> Film {
+        self.render_sum(settings, 1, |_| 0).swap_remove(0)
+    }
+
+    /// One picture for each light, in the scene's order; they add up to [`Renderer::render`]. The paths are
+    /// followed once, so all of them cost little more than one picture.
+    pub fn render_lights(&self, settings: &Settings) -> Vec<Film> {
+        self.render_sum(settings, self.prepared.emitters.len(), |light| light)
+    }
+
+    /// What the centre of each pixel sees of the pad's face, row 0 on top: through plates as Snell's law leads
+    /// (reflections apart), None where something else is in the way.
+    pub fn sights(&self) -> Vec<Option<Sight>> {
+        let camera = &self.prepared.camera;
+        (0..camera.width * camera.height)
+            .into_par_iter()
+            .map(|k| {
+                let (x, y) = ((k % camera.width) as f32 + 0.5, (k / camera.width) as f32 + 0.5);
+                self.sight(camera.ray(x, y, glam::Vec2::ZERO))
+            })
+            .collect()
+    }
+
+    fn sight(&self, (mut origin, mut direction): (Vec3, Vec3)) -> Option<Sight> {
+        for _ in 0..self.prepared.max_events {
+            let surfel = self.prepared.trace(origin, direction)?;
+            if surfel.pad {
+                return Some(Sight { point: to_pad(surfel.hit.point), uv: surfel.uv });
+            }
+            let Lobe::Dielectric { eta } = surfel.bsdf.lobe else { return None };
+            direction = refract(-direction, surfel.normal, eta)?;
+            origin = surfel.hit.point - surfel.normal * self.prepared.offset;
+        }
+        None
+    }
+
+    /// `films` pictures; the light `k` goes to picture `film_of(k)`.
+    fn render_sum(
+        &self,
+        settings: &Settings,
+        films: usize,
+        film_of: impl Fn(usize) -> usize + Sync,
+    ) -> Vec<Film> {
+        let camera = &self.prepared.camera;
+        let (width, height) = (camera.width, camera.height);
+        let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
+        let samples = settings.samples.max(1);
+        let tiles: Vec<Vec<DVec3>> = (0..columns * rows)
+            .into_par_iter()
+            .map(|tile| {
+                let mut path = Path::new(&self.prepared);
+                let mut sums = Vec::new();
+                for (x, y) in pixels_of(tile, columns, width, height) {
+                    let sampler = Sampler::new(settings.seed, x as u32, y as u32, samples);
+                    let base = sums.len();
+                    sums.resize(base + films, DVec3::ZERO);
+                    for index in 0..samples {
+                        path.follow(&sampler, index, x as f32, y as f32, &mut |light, value| {
+                            sums[base + film_of(light)] += value.as_dvec3();
+                        });
+                    }
+                }
+                sums
+            })
+            .collect();
+        let mut pictures = vec![Film::new(width, height); films];
+        for (tile, sums) in tiles.iter().enumerate() {
+            for ((x, y), sum) in pixels_of(tile, columns, width, height).zip(sums.chunks_exact(films.max(1)))
+            {
+                for (picture, value) in pictures.iter_mut().zip(sum) {
+                    picture.pixels[y * width + x] = (*value / f64::from(samples)).as_vec3();
+                }
+            }
+        }
+        pictures
+    }
+}
+
+/// The pixels of a tile, row by row.
+fn pixels_of(
+    tile: usize,
+    columns: usize,
+    width: usize,
+    height: usize,
+) -> impl Iterator<Item = (usize, usize)> {
+    let (x0, y0) = (tile % columns * TILE, tile / columns * TILE);
+    (y0..(y0 + TILE).min(height)).flat_map(move |y| (x0..(x0 + TILE).min(width)).map(move |x| (x, y)))
+}

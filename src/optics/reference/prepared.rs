@@ -1,0 +1,218 @@
+//! A scene with everything that is worked out once: the tree, the lights, what each triangle is made of.
+
+use super::plate::Plate;
+use crate::optics::{
+    Albedo, Camera, Error, LightShape, Material, Mesh, Role, Scene, accel::Accel, accel::Hit, bsdf::Bsdf,
+    emitter::Emitter,
+};
+use glam::{Vec2, Vec3};
+
+#[derive(Debug, Clone)]
+pub struct Prepared {
+    pub camera: Camera,
+    pub max_events: u32,
+    pub emitters: Vec<Emitter>,
+    /// How many of them shine.
+    pub lit: usize,
+    pub accel: Accel,
+    /// Distance by which rays start off a surface, mm: above the rounding of a hit, far below any detail.
+    pub offset: f32,
+    /// Boxes around clear bodies: no closed-form light through them.
+    clear: Vec<[Vec3; 2]>,
+    /// The only clear body, if it is a plate through which lights can be connected exactly.
+    pub plate: Option<Plate>,
+    /// Rooms: parts that are faces of an axis-aligned box; they block nothing between points inside.
+    rooms: Vec<[Vec3; 2]>,
+    /// Boxes around all other parts, with the light whose flat patch it is.
+    blockers: Vec<([Vec3; 2], Option<usize>)>,
+    /// By triangle: index into `parts`.
+    part_of: Vec<u32>,
+    parts: Vec<Part>,
+}
+
+/// A surface, or the patch of a light.
+#[derive(Debug, Clone)]
+struct Part {
+    material: Material,
+    light: Option<usize>,
+    pad: bool,
+    first_triangle: usize,
+    /// Texture coordinates by corner; empty where nothing needs them.
+    uvs: Vec<[Vec2; 3]>,
+}
+
+/// What a ray hit.
+pub struct Surfel {
+    pub hit: Hit,
+    pub light: Option<usize>,
+    /// Whether it is the pad's face.
+    pub pad: bool,
+    /// Texture coordinate, 0 where the surface has none.
+    pub uv: Vec2,
+    /// Geometric normal on the side the ray came from.
+    pub normal: Vec3,
+    pub bsdf: Bsdf,
+}
+
+impl Prepared {
+    pub fn new(scene: &Scene) -> Result<Self, Error> {
+        scene.check()?;
+        let mut triangles = Vec::new();
+        let mut part_of = Vec::new();
+        let mut parts = Vec::new();
+        let (mut clear, mut rooms, mut blockers) = (Vec::new(), Vec::new(), Vec::new());
+        let mut plates = Vec::new();
+        let extent = extent_of(scene);
+        let margin = extent * 1e-5;
+        for surface in &scene.surfaces {
+            let mesh = &surface.mesh;
+            let textured = matches!(
+                &surface.material,
+                Material::Lambert { albedo: Albedo::Texture(_) }
+                    | Material::FlakeCoating { albedo: Albedo::Texture(_), .. }
+            );
+            if textured && mesh.uvs.is_empty() {
+                return Err(Error::Scene {
+                    part: surface.name.clone(),
+                    what: "it has a texture, but its mesh has no texture coordinates".to_owned(),
+                    next: "give the mesh one coordinate a vertex, or use a constant albedo".to_owned(),
+                });
+            }
+            let bounds = bounds_of(&mesh.positions);
+            let is_clear =
+                matches!(surface.material, Material::Dielectric { .. } | Material::RoughDielectric { .. });
+            if is_clear {
+                clear.push(bounds);
+            }
+            if let (Material::Dielectric { ior }, true) = (&surface.material, is_room(mesh, bounds)) {
+                plates.push(Plate::new(bounds, *ior));
+            }
+            if !is_clear && is_room(mesh, bounds) {
+                rooms.push(bounds);
+            } else {
+                blockers.push((grow(bounds, margin), None));
+            }
+            let pad = surface.role == Role::Pad;
+            let uvs = if textured || (pad && !mesh.uvs.is_empty()) {
+                mesh.triangles.iter().map(|t| t.map(|i| mesh.uvs[i as usize])).collect()
+            } else {
+                Vec::new()
+            };
+            part_of.resize(part_of.len() + mesh.triangles.len(), parts.len() as u32);
+            parts.push(Part {
+                material: surface.material.clone(),
+                light: None,
+                pad,
+                first_triangle: triangles.len(),
+                uvs,
+            });
+            triangles.extend((0..mesh.triangles.len()).map(|k| mesh.corners(k)));
+        }
+        let emitters: Vec<Emitter> = scene.lights.iter().map(Emitter::new).collect();
+        for (k, light) in scene.lights.iter().enumerate() {
+            let mesh = light.shape.tessellate();
+            let flat = matches!(light.shape, LightShape::Rectangle { .. } | LightShape::Disc { .. });
+            blockers.push((grow(bounds_of(&mesh.positions), margin), flat.then_some(k)));
+            part_of.resize(part_of.len() + mesh.triangles.len(), parts.len() as u32);
+            parts.push(Part {
+                material: Material::Lambert { albedo: Albedo::Constant(light.albedo) },
+                light: Some(k),
+                pad: false,
+                first_triangle: triangles.len(),
+                uvs: Vec::new(),
+            });
+            triangles.extend((0..mesh.triangles.len()).map(|k| mesh.corners(k)));
+        }
+        Ok(Self {
+            camera: scene.camera.clone(),
+            max_events: scene.max_events,
+            lit: emitters.iter().filter(|e| !e.is_dark()).count(),
+            emitters,
+            accel: Accel::new(&triangles),
+            offset: extent * 2e-6,
+            plate: if clear.len() == 1 { plates.pop() } else { None },
+            clear,
+            rooms: rooms.into_iter().map(|room| grow(room, margin)).collect(),
+            blockers,
+            part_of,
+            parts,
+        })
+    }
+
+    /// The first surface along a ray.
+    #[inline]
+    pub fn trace(&self, origin: Vec3, direction: Vec3) -> Option<Surfel> {
+        let hit = self.accel.hit(origin, direction, f32::INFINITY)?;
+        let part = &self.parts[self.part_of[hit.triangle as usize] as usize];
+        let outside = hit.normal.dot(direction) < 0.0;
+        let uv = match part.uvs.get(hit.triangle as usize - part.first_triangle) {
+            Some([a, b, c]) => *a + (*b - *a) * hit.barycentric[0] + (*c - *a) * hit.barycentric[1],
+            None => Vec2::ZERO,
+        };
+        Some(Surfel {
+            light: part.light,
+            pad: part.pad,
+            uv,
+            normal: if outside { hit.normal } else { -hit.normal },
+            bsdf: Bsdf::new(&part.material, uv, outside),
+            hit,
+        })
+    }
+
+    /// Whether the segment passes a clear body (by its box).
+    #[inline]
+    pub fn passes_clear(&self, from: Vec3, to: Vec3) -> bool {
+        self.clear.iter().any(|bounds| overlaps(bounds, from, to))
+    }
+
+    /// Whether something stands between a point and a point of a light. No ray is traced where the boxes
+    /// alone tell that nothing does.
+    #[inline]
+    pub fn blocked(&self, from: Vec3, to: Vec3, light: usize) -> bool {
+        let inside = |[lo, hi]: &[Vec3; 2]| {
+            from.cmpge(*lo).all() && from.cmple(*hi).all() && to.cmpge(*lo).all() && to.cmple(*hi).all()
+        };
+        let free = self.rooms.iter().all(inside)
+            && self
+                .blockers
+                .iter()
+                .all(|(bounds, patch)| *patch == Some(light) || !overlaps(bounds, from, to));
+        !free && self.accel.blocked(from, to)
+    }
+}
+
+/// Whether the segment may touch the box; never false when it does.
+#[inline]
+fn overlaps([lo, hi]: &[Vec3; 2], from: Vec3, to: Vec3) -> bool {
+    let inverse = (to - from).recip();
+    let (a, b) = ((*lo - from) * inverse, (*hi - from) * inverse);
+    let enter = a.min(b).max_element().max(0.0);
+    let leave = a.max(b).min_element().min(1.0);
+    // What cannot be compared (0 times infinity) counts as an overlap.
+    enter.partial_cmp(&leave) != Some(std::cmp::Ordering::Greater)
+}
+
+fn bounds_of(points: &[Vec3]) -> [Vec3; 2] {
+    let inf = Vec3::splat(f32::INFINITY);
+    points.iter().fold([inf, -inf], |[lo, hi], p| [lo.min(*p), hi.max(*p)])
+}
+
+fn grow([lo, hi]: [Vec3; 2], margin: f32) -> [Vec3; 2] {
+    [lo - Vec3::splat(margin), hi + Vec3::splat(margin)]
+}
+
+/// Whether every triangle lies in a face of the mesh's own box.
+fn is_room(mesh: &Mesh, [lo, hi]: [Vec3; 2]) -> bool {
+    let in_face = |[a, b, c]: [Vec3; 3]| {
+        (0..3).any(|axis| [lo, hi].iter().any(|face| [a, b, c].iter().all(|p| p[axis] == face[axis])))
+    };
+    mesh.triangles.len() <= 64 && (0..mesh.triangles.len()).all(|k| in_face(mesh.corners(k)))
+}
+
+/// The largest coordinate of any surface or light.
+fn extent_of(scene: &Scene) -> f32 {
+    let largest = |mesh: &Mesh| mesh.positions.iter().fold(0.0f32, |m, p| m.max(p.abs().max_element()));
+    let surfaces = scene.surfaces.iter().map(|s| largest(&s.mesh));
+    let lights = scene.lights.iter().map(|l| largest(&l.shape.tessellate()));
+    surfaces.chain(lights).fold(0.0, f32::max)
+}

@@ -1,0 +1,149 @@
+//! From a sensor's description and the pad's face to a scene.
+
+use super::sensor::{LightShapeSpec, SensorOptics, TextureMode};
+use super::surface::DisplacedSurface;
+use super::{
+    Albedo, Camera, Error, Light, LightShape, Material, Mesh, Role, Scene, Surface, Texture, camera, from_pad,
+};
+use glam::{Vec2, Vec3};
+use std::sync::Arc;
+
+/// The scene of the sensor with this face. `texture` is the image of the untouched sensor, linear, row 0 on
+/// top; it becomes the albedo in texture mode `lit` and is not used by the scene in the other modes. The face is
+/// taken as it is: see [`face`] for the description's mesh and depth noise.
+///
+/// # Errors
+/// When the face is no lattice, or a part of the description cannot be rendered.
+pub fn scene(
+    sensor: &SensorOptics,
+    surface: &DisplacedSurface,
+    texture: Option<&Texture>,
+) -> Result<Scene, Error> {
+    let mesh = surface.mesh(|x, y| texture_coordinate(sensor, x, y))?;
+    let albedo = match (sensor.texture, texture) {
+        (TextureMode::Lit, Some(texture)) => Albedo::Texture(Arc::new(texture.clone())),
+        _ => Albedo::grey(sensor.coating.albedo as f32),
+    };
+    let roughness = sensor.coating.roughness as f32;
+    let material = if roughness >= 1.0 {
+        Material::Lambert { albedo }
+    } else {
+        Material::FlakeCoating {
+            albedo,
+            flakes: 1.0 - roughness,
+            f0: Vec3::splat(FLAKE_REFLECTANCE),
+            alpha: (roughness * roughness).max(0.001),
+        }
+    };
+    let mut surfaces =
+        vec![Surface { name: "pad".to_owned(), role: Role::Pad, mesh: Arc::new(mesh), material }];
+    if let Some(h) = &sensor.housing {
+        surfaces.push(Surface {
+            name: "housing".to_owned(),
+            role: Role::Housing,
+            mesh: Arc::new(Mesh::open_box(
+                from_pad(pad(&[h.x_mm[0], h.y_mm[1], h.skirt_mm])),
+                from_pad(pad(&[h.x_mm[1], h.y_mm[0], -h.height_mm])),
+            )),
+            material: Material::Lambert { albedo: Albedo::grey(h.albedo as f32) },
+        });
+    }
+    if let Some(p) = &sensor.plate {
+        // It protrudes through the walls, so that no light slips past its rim.
+        let half = match &sensor.housing {
+            Some(h) => [h.x_mm, h.y_mm].map(|e| e[0].abs().max(e[1].abs()) as f32 + 0.1),
+            None => sensor.view_mm().map(|e| e as f32),
+        };
+        let (low, high) = (p.gap_mm as f32, (p.gap_mm + p.thickness_mm) as f32);
+        surfaces.push(Surface {
+            name: "plate".to_owned(),
+            role: Role::Plate,
+            mesh: Arc::new(Mesh::cuboid(
+                Vec3::new(-half[0], -half[1], low),
+                Vec3::new(half[0], half[1], high),
+            )),
+            material: Material::Dielectric { ior: p.ior as f32 },
+        });
+    }
+    let scene =
+        Scene { surfaces, lights: lights(sensor), camera: camera_of(sensor), max_events: sensor.max_events };
+    scene.check()?;
+    Ok(scene)
+}
+
+/// Reflectance of a metal flake at normal incidence (aluminium).
+const FLAKE_REFLECTANCE: f32 = 0.9;
+
+/// The face on the description's mesh, with its depth noise.
+pub fn face(sensor: &SensorOptics, surface: &DisplacedSurface) -> DisplacedSurface {
+    let [nx, ny] = sensor.mesh_vertices();
+    surface.resampled(nx, ny).with_depth_noise(sensor.mesh.depth_noise_mm, sensor.mesh.depth_noise_seed)
+}
+
+/// Where a point of the undeformed face lies in the image of the untouched sensor, (0, 0) the upper left corner.
+pub fn texture_coordinate(sensor: &SensorOptics, x_mm: f32, y_mm: f32) -> Vec2 {
+    let [w, h] = sensor.view_mm().map(|v| v as f32);
+    let [cx, cy] = sensor.camera.center_mm.map(|v| v as f32);
+    Vec2::new((x_mm - cx) / w + 0.5, (y_mm - cy) / h + 0.5)
+}
+
+/// The camera of the description. Behind a plate the face seems nearer by t (1 - 1/n) (paraxially), so the field
+/// of view is that much wider and `mm_per_px` still holds on the face.
+pub fn camera_of(sensor: &SensorOptics) -> Camera {
+    let c = &sensor.camera;
+    let shift = sensor.plate.as_ref().map_or(0.0, |p| p.thickness_mm * (1.0 - 1.0 / p.ior));
+    let distance = c.distance_mm - shift;
+    let origin = from_pad(pad(&[c.center_mm[0], c.center_mm[1], -c.distance_mm]));
+    let tan_half_x = (sensor.view_mm()[0] / 2.0 / distance) as f32;
+    let mut camera = Camera::above(origin, tan_half_x, c.width_px, c.height_px);
+    camera.distortion = c.distortion.map(|[k1, k2]| camera::Distortion { k1: k1 as f32, k2: k2 as f32 });
+    if c.aperture_radius_mm > 0.0 {
+        camera.lens = Some(camera::ThinLens {
+            aperture_radius_mm: c.aperture_radius_mm as f32,
+            focus_mm: distance as f32,
+        });
+    }
+    camera
+}
+
+fn lights(sensor: &SensorOptics) -> Vec<Light> {
+    let light = |spec: &super::sensor::LightSpec| Light {
+        name: spec.name.clone(),
+        shape: shape(&spec.shape),
+        radiance: pad(&spec.rgb) * (spec.energy / 25_500.0) as f32,
+        two_sided: false,
+        cosine_power: spec.cosine_power as f32,
+        albedo: Vec3::splat(spec.albedo as f32),
+    };
+    sensor.lights.iter().map(light).collect()
+}
+
+fn shape(spec: &LightShapeSpec) -> LightShape {
+    match spec {
+        LightShapeSpec::Rectangle { center_mm, facing, size_mm } => {
+            let normal = from_pad(pad(facing)).normalize();
+            // The first edge is level; for a light that faces along z it runs along x.
+            let level = Vec3::Z.cross(normal);
+            let u = if level.length() > 1e-4 { level.normalize() } else { Vec3::X };
+            LightShape::Rectangle {
+                center: from_pad(pad(center_mm)),
+                half_u: u * (size_mm[0] / 2.0) as f32,
+                half_v: normal.cross(u) * (size_mm[1] / 2.0) as f32,
+            }
+        }
+        LightShapeSpec::Disc { center_mm, facing, radius_mm } => LightShape::Disc {
+            center: from_pad(pad(center_mm)),
+            normal: from_pad(pad(facing)).normalize(),
+            radius: *radius_mm as f32,
+        },
+        LightShapeSpec::Tube { from_mm, to_mm, radius_mm } => LightShape::Tube {
+            from: from_pad(pad(from_mm)),
+            to: from_pad(pad(to_mm)),
+            radius: *radius_mm as f32,
+        },
+    }
+}
+
+fn pad(v: &[f64; 3]) -> Vec3 {
+    Vec3::new(v[0] as f32, v[1] as f32, v[2] as f32)
+}

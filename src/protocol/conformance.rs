@@ -1,0 +1,229 @@
+//! Whether a protocol file does what it says: its own vectors, run through the codec.
+//!
+//! Used by the tests of this crate for the shipped files, and by the command line for anybody's.
+
+use super::classify::{classify, state_of};
+use super::deframe::{Deframer, Unit};
+use super::encode::encode;
+use super::engine::{Engine, Event, Failure};
+use super::spec::{Dialogue, Spec, Vector};
+use super::value::hex;
+use crate::clock::Timestamp;
+use std::sync::Arc;
+
+/// One vector that does not hold.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("vector {number} ({what}): {message}")]
+pub struct Mismatch {
+    /// Which one, from 1, in the order of the file.
+    pub number: usize,
+    /// The command or the class it is about.
+    pub what: String,
+    /// What differs.
+    pub message: String,
+}
+
+/// One turn of a dialogue that went otherwise.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("dialogue \"{name}\", turn {turn}: {message}")]
+pub struct Misunderstanding {
+    /// Name of the dialogue.
+    pub name: String,
+    /// Which turn, from 1.
+    pub turn: usize,
+    /// What differs.
+    pub message: String,
+}
+
+/// How a file fared.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Conformance {
+    /// Vectors that were run.
+    pub vectors: usize,
+    /// Those that do not hold.
+    pub mismatches: Vec<Mismatch>,
+    /// Dialogues that were held.
+    pub dialogues: usize,
+    /// Where they went otherwise than written.
+    pub misunderstandings: Vec<Misunderstanding>,
+    /// Commands and classes that no vector shows.
+    pub untested: Vec<String>,
+}
+
+/// Runs every vector and every dialogue of a file.
+pub fn check(spec: &Arc<Spec>) -> Conformance {
+    let mut report = check_vectors(spec);
+    report.dialogues = spec.dialogue.len();
+    for dialogue in &spec.dialogue {
+        if let Err((turn, message)) = hold(spec, dialogue) {
+            report.misunderstandings.push(Misunderstanding { name: dialogue.name.clone(), turn, message });
+        }
+    }
+    report
+}
+
+/// Holds a dialogue with the engine; a hundred milliseconds pass between turns.
+fn hold(spec: &Arc<Spec>, dialogue: &Dialogue) -> Result<(), (usize, String)> {
+    let mut engine = Engine::new(spec.clone(), Vec::new(), 1.0).map_err(|e| (0, e.to_string()))?;
+    let mut now = Timestamp(0);
+    let mut last = None;
+    let mut events = Vec::new();
+    for (i, turn) in dialogue.turns.iter().enumerate() {
+        let wrong = |message: String| (i + 1, message);
+        now = now.after(std::time::Duration::from_millis(100));
+        if let Some(cmd) = &turn.cmd {
+            last = Some(engine.stream(cmd, turn.args.clone()));
+        }
+        if let Some(rx) = &turn.rx {
+            engine.receive(&rx.0, now);
+        }
+        let output = engine.poll(now);
+        let sent: Vec<u8> = output.urgent.into_iter().chain(output.bytes).collect();
+        let want = turn.tx.as_ref().map(|b| b.0.as_slice()).unwrap_or_default();
+        if sent != want {
+            return Err(wrong(format!("sent {}, the file says {}", show(&sent), show(want))));
+        }
+        events.extend(output.events);
+        let outcome = events.iter().find_map(|e| match e {
+            Event::Finished(ticket, outcome) if Some(*ticket) == last => Some(outcome),
+            _ => None,
+        });
+        let is = match outcome {
+            None => "pending",
+            Some(Ok(_)) => "done",
+            Some(Err(Failure::Refused { .. })) => "refused",
+            Some(Err(_)) => "failed",
+        };
+        if let Some(ends) = turn.ends.as_ref().filter(|e| *e != is) {
+            return Err(wrong(format!("the last command is {is}, the file says {ends}")));
+        }
+    }
+    Ok(())
+}
+
+/// Runs every vector of a file.
+pub fn check_vectors(spec: &Arc<Spec>) -> Conformance {
+    let mut report = Conformance { vectors: spec.vector.len(), ..Conformance::default() };
+    for (i, vector) in spec.vector.iter().enumerate() {
+        let what = vector.cmd.as_ref().or(vector.class.as_ref()).cloned().unwrap_or_default();
+        let result = if vector.tx.is_some() { check_tx(spec, vector) } else { check_rx(spec, vector) };
+        if let Err(message) = result {
+            report.mismatches.push(Mismatch { number: i + 1, what, message });
+        }
+    }
+    let shown = |name: &str| {
+        spec.vector.iter().any(|v| v.cmd.as_deref() == Some(name) || v.class.as_deref() == Some(name))
+    };
+    let names = spec.cmd.keys().map(|c| ("command", c)).chain(spec.rx.iter().map(|rx| ("class", &rx.class)));
+    report.untested =
+        names.filter(|(_, name)| !shown(name)).map(|(kind, name)| format!("{kind} {name}")).collect();
+    report
+}
+
+fn check_tx(spec: &Spec, vector: &Vector) -> Result<(), String> {
+    let (Some(cmd), Some(want)) = (&vector.cmd, &vector.tx) else {
+        return Err("cmd and tx are needed together".to_owned());
+    };
+    let got = encode(spec, cmd, &vector.args, vector.number).map_err(|e| e.to_string())?;
+    if got == want.0 {
+        Ok(())
+    } else {
+        Err(format!("bytes are {}, the file says {}", show(&got), show(&want.0)))
+    }
+}
+
+fn check_rx(spec: &Arc<Spec>, vector: &Vector) -> Result<(), String> {
+    let bytes = vector.rx.as_ref().ok_or("rx is needed")?;
+    let mut deframer = Deframer::new(spec.clone());
+    let mut input = bytes.0.clone();
+    if let Some(line) = spec.line.as_ref().filter(|l| !input.ends_with(&l.rx_eol.0)) {
+        input.extend(&line.rx_eol.0);
+    }
+    let units = deframer.push(&input, Timestamp(0));
+    let [unit] = &units[..] else {
+        return Err(format!("{} is {} units, not one", show(&input), units.len()));
+    };
+    if let Unit::Garbled(_) = unit {
+        return Err(format!("{} has a wrong checksum or length", show(&input)));
+    }
+    let awaited: Vec<&str> = vector.after.iter().map(String::as_str).collect();
+    let replies = classify(spec, unit, &awaited);
+    let reply = replies.last().ok_or_else(|| format!("no class recognises {}", show(&input)))?;
+    if let Some(class) = vector.class.as_ref().filter(|c| **c != reply.class) {
+        return Err(format!("class is {}, the file says {class}", reply.class));
+    }
+    for (name, want) in &vector.fields {
+        match reply.fields.get(name) {
+            Some(got) if got.same(want) => {}
+            Some(got) => return Err(format!("field {name} is {got:?}, the file says {want:?}")),
+            None => return Err(format!("there is no field {name}; there are {:?}", reply.fields)),
+        }
+    }
+    let state = state_of(spec, &reply.fields).map(|(s, _)| s);
+    match vector.state {
+        Some(want) if state != Some(want) => Err(format!("state is {state:?}, the file says {want:?}")),
+        _ => Ok(()),
+    }
+}
+
+/// Bytes for a message: as text where they are text.
+pub(super) fn show(bytes: &[u8]) -> String {
+    if bytes.iter().all(|b| (0x20..0x7f).contains(b) || matches!(b, b'\n' | b'\r')) {
+        format!("{:?}", String::from_utf8_lossy(bytes))
+    } else {
+        hex(bytes)
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use std::path::Path;
+
+    /// A shipped protocol.
+    pub(crate) fn shipped(name: &str) -> Arc<Spec> {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("firmware_protocols/{name}.toml"));
+        let text = std::fs::read_to_string(&path).expect("shipped protocol files are readable");
+        Arc::new(Spec::parse(name, &text).unwrap_or_else(|e| panic!("{e}")))
+    }
+
+    /// Names of all shipped protocols.
+    pub(crate) fn all_shipped() -> Vec<String> {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("firmware_protocols");
+        let mut names: Vec<String> = std::fs::read_dir(folder)
+            .expect("the folder is there")
+            .map(|e| e.expect("readable").path().file_stem().expect("a name").to_string_lossy().into_owned())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn every_vector_of_every_shipped_file_holds() {
+        for name in all_shipped() {
+            let report = check(&shipped(&name));
+            assert!(report.vectors > 0, "{name} has no vectors");
+            assert!(report.dialogues > 0, "{name} has no dialogue");
+            assert!(report.misunderstandings.is_empty(), "{name}: {:#?}", report.misunderstandings);
+            assert!(report.mismatches.is_empty(), "{name}: {:#?}", report.mismatches);
+        }
+    }
+
+    #[test]
+    fn a_wrong_dialogue_is_found() {
+        let mut spec = (*shipped("grbl")).clone();
+        spec.dialogue[0].turns[0].tx = Some(crate::protocol::Bytes(b"$Q\n".to_vec()));
+        let report = check(&Arc::new(spec));
+        assert_eq!(report.misunderstandings.len(), 1);
+        assert_eq!(report.misunderstandings[0].turn, 1);
+    }
+
+    #[test]
+    fn a_wrong_vector_is_found() {
+        let mut spec = (*shipped("grbl")).clone();
+        spec.vector[0].tx = Some(crate::protocol::Bytes(b"$J=G90\n".to_vec()));
+        let report = check_vectors(&Arc::new(spec));
+        assert_eq!(report.mismatches.len(), 1);
+        assert!(report.mismatches[0].message.contains("G21"));
+    }
+}

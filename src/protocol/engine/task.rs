@@ -1,0 +1,546 @@
+//! Sequences: procedures of the protocol file, moves, and waiting for the end of motion.
+//!
+//! One task runs at a time. Its steps come from a closed set of verbs: send a command, send
+//! real-time bytes, wait for a class of reply, wait for a state, sleep, wait for the end of motion.
+
+use super::*;
+
+/// One verb with its wait.
+#[derive(Debug, Clone)]
+pub(super) enum Act {
+    Send { name: String, axis: Option<usize>, fields: Fields, or_send: Option<String>, timeout: Option<u64> },
+    Realtime(String),
+    Expect { class: String, timeout: u64 },
+    Until { words: Vec<String>, timeout: u64 },
+    Sleep(u64),
+    Settle(Duration),
+    AskPositions,
+    Wake,
+}
+
+/// A verb, and what to do when its time is up.
+#[derive(Debug, Clone)]
+pub(super) struct Move {
+    pub(super) act: Act,
+    pub(super) optional: bool,
+    /// Begin again at this many acts before, this often.
+    pub(super) retry: u32,
+    pub(super) back: usize,
+}
+
+#[derive(Debug)]
+enum Wait {
+    /// The act has not begun.
+    Begin,
+    /// For the reply to a command.
+    Reply(Ticket),
+    /// For a class of replies, until.
+    Class(String, Timestamp),
+    /// For a state, until; the next question is due then.
+    State { words: Vec<String>, until: Timestamp, ask: Asking },
+    /// For an instant.
+    Until(Timestamp),
+    /// For the end of motion.
+    Settle(Settle),
+    /// For the answers to a round of questions.
+    Answers(Vec<Ticket>),
+}
+
+/// Rounds of questions about the state.
+#[derive(Debug)]
+struct Asking {
+    due: Timestamp,
+    tickets: Vec<Ticket>,
+    /// Count of state reports when the last question was sent.
+    reports: u64,
+    asked: bool,
+}
+
+#[derive(Debug)]
+struct Settle {
+    stall: Duration,
+    ask: Asking,
+    idle_in_a_row: u32,
+    last: Vec<Option<f64>>,
+    last_state: Option<MotionState>,
+    progress: Timestamp,
+    answered: Timestamp,
+}
+
+/// A sequence that runs.
+#[derive(Debug)]
+pub(super) struct Task {
+    pub(super) ticket: Ticket,
+    acts: Vec<Move>,
+    at: usize,
+    wait: Wait,
+    replies: Vec<Reply>,
+    pub(super) answers: VecDeque<(Ticket, Outcome)>,
+    /// A stop or a recovery is not ended by the alarm it may cause.
+    pub(super) survives_alarm: bool,
+    retries: u32,
+    pub(super) trust: Trust,
+}
+
+/// The steps at the beginning of a stop that only send.
+pub(super) fn leading_sends(procedure: &Procedure) -> Vec<&Step> {
+    let bare = |s: &&Step| {
+        (s.send.is_some() || s.realtime.is_some()) && s.sleep_ms.is_none() && s.until_state.is_empty()
+    };
+    let mut sends = Vec::new();
+    for step in procedure.steps.iter().take_while(bare) {
+        // A reset ends what can be sent ahead: what follows needs its banner.
+        let waits = step.expect.is_some();
+        if waits && !sends.is_empty() {
+            break;
+        }
+        sends.push(step);
+        if waits {
+            break;
+        }
+    }
+    sends
+}
+
+impl Task {
+    pub(super) fn new(ticket: Ticket, acts: Vec<Move>) -> Task {
+        Task {
+            ticket,
+            acts,
+            at: 0,
+            wait: Wait::Begin,
+            replies: Vec::new(),
+            answers: VecDeque::new(),
+            survives_alarm: false,
+            retries: 0,
+            trust: Trust::Keep,
+        }
+    }
+
+    pub(super) fn waits_for(&self, ticket: Ticket) -> bool {
+        match &self.wait {
+            Wait::Reply(t) => *t == ticket,
+            Wait::State { ask, .. } => ask.tickets.contains(&ticket),
+            Wait::Settle(s) => s.ask.tickets.contains(&ticket),
+            Wait::Answers(tickets) => tickets.contains(&ticket),
+            _ => false,
+        }
+    }
+
+    pub(super) fn ends_on_alarm(&self) -> bool {
+        !self.survives_alarm
+    }
+
+    pub(super) fn wake(&self) -> Option<Timestamp> {
+        match &self.wait {
+            Wait::Begin => Some(Timestamp(0)),
+            Wait::Class(_, until) | Wait::Until(until) => Some(*until),
+            Wait::State { until, ask, .. } => Some((*until).min(ask.due)),
+            Wait::Settle(s) => Some(s.ask.due),
+            Wait::Reply(_) | Wait::Answers(_) => None,
+        }
+    }
+}
+
+pub(super) type Address = (String, Option<usize>, Fields);
+
+/// A step of the file as acts; `address` gives the sendings of a command.
+pub(super) fn expand(step: &Step, address: &dyn Fn(&str) -> Vec<Address>) -> Vec<Move> {
+    let mut acts = Vec::new();
+    let once = |act| Move { act, optional: step.optional, retry: 0, back: 0 };
+    let timeout = step.timeout_ms.unwrap_or(2000);
+    if let Some(name) = &step.send {
+        for (name, axis, fields) in address(name) {
+            let or_send = step.or_send.clone();
+            acts.push(once(Act::Send { name, axis, fields, or_send, timeout: step.timeout_ms }));
+        }
+    }
+    if let Some(name) = &step.realtime {
+        acts.push(once(Act::Realtime(name.clone())));
+    }
+    let sends = acts.len();
+    if let Some(class) = &step.expect {
+        let act = Act::Expect { class: class.clone(), timeout };
+        acts.push(Move { act, optional: step.optional, retry: step.retry, back: sends });
+    }
+    if !step.until_state.is_empty() {
+        let act = Act::Until { words: step.until_state.clone(), timeout };
+        acts.push(Move { act, optional: step.optional, retry: step.retry, back: sends });
+    }
+    if let Some(ms) = step.sleep_ms {
+        acts.push(once(Act::Sleep(ms)));
+    }
+    acts
+}
+
+impl Engine {
+    /// Lets the task go as far as it can without waiting.
+    pub(super) fn run_tasks(&mut self, now: Timestamp) {
+        loop {
+            let mut task = match self.task.take() {
+                Some(task) => task,
+                None => match self.tasks.pop_front() {
+                    Some(task) => task,
+                    None => break,
+                },
+            };
+            match self.advance(&mut task, now) {
+                Progress::Waiting => {
+                    self.task = Some(task);
+                    break;
+                }
+                Progress::Ended(outcome) => {
+                    if task.trust == Trust::Lost && outcome.is_ok() {
+                        self.events.push(Event::TrustLost("the procedure loses the position".to_owned()));
+                    }
+                    self.events.push(Event::Finished(task.ticket, outcome));
+                }
+            }
+        }
+        if self.task.is_none() {
+            self.classes_seen.clear();
+        }
+    }
+
+    fn advance(&mut self, task: &mut Task, now: Timestamp) -> Progress {
+        loop {
+            let Some(step) = task.acts.get(task.at).cloned() else {
+                return Progress::Ended(Ok(std::mem::take(&mut task.replies)));
+            };
+            if matches!(task.wait, Wait::Begin) {
+                task.wait = match self.begin(&step, now) {
+                    Ok(Some(wait)) => wait,
+                    Ok(None) => {
+                        task.at += 1;
+                        continue;
+                    }
+                    Err(failure) => return Progress::Ended(Err(failure)),
+                };
+            }
+            match self.check(task, &step, now) {
+                Check::Waiting => return Progress::Waiting,
+                Check::Met => {}
+                Check::Failed(failure) => {
+                    let timed_out = matches!(failure, Failure::NoReply { .. });
+                    if timed_out && task.retries < step.retry {
+                        task.retries += 1;
+                        task.at -= step.back;
+                        task.wait = Wait::Begin;
+                        continue;
+                    }
+                    if let (Act::Send { or_send: Some(other), .. }, Failure::Refused { .. }) =
+                        (&step.act, &failure)
+                    {
+                        let instead = self.addresses(other).into_iter().map(|(name, axis, fields)| Move {
+                            act: Act::Send { name, axis, fields, or_send: None, timeout: None },
+                            optional: step.optional,
+                            retry: 0,
+                            back: 0,
+                        });
+                        task.acts.splice(task.at..=task.at, instead);
+                        task.wait = Wait::Begin;
+                        continue;
+                    }
+                    let refused = matches!(failure, Failure::Refused { .. });
+                    if !(step.optional && (timed_out || refused)) {
+                        return Progress::Ended(Err(failure));
+                    }
+                }
+            }
+            task.at += 1;
+            task.wait = Wait::Begin;
+            task.retries = 0;
+        }
+    }
+
+    /// Begins an act; `None` when there is nothing to wait for.
+    fn begin(&mut self, step: &Move, now: Timestamp) -> Result<Option<Wait>, Failure> {
+        // A wait counts what has come since its own sending.
+        let continues = matches!(step.act, Act::Expect { .. } | Act::Until { .. }) && step.back > 0;
+        if !continues {
+            self.classes_seen.clear();
+        }
+        let act = &step.act;
+        Ok(match act {
+            Act::Send { name, axis, fields, timeout, .. } => {
+                if self.spec.cmd[name].moves {
+                    self.flag_failure = None;
+                }
+                let ticket = self.ticket();
+                self.exchange.submit(ticket, name, *axis, fields.clone(), *timeout)?;
+                (self.spec.cmd[name].reply != "none").then_some(Wait::Reply(ticket))
+            }
+            Act::Realtime(name) => {
+                self.urgent.extend(self.spec.realtime.get(name).map(|b| b.0.clone()).unwrap_or_default());
+                self.realtime_sent(name, now);
+                None
+            }
+            Act::Wake => {
+                self.urgent.extend(self.spec.link.wake.as_ref().map(|b| b.0.clone()).unwrap_or_default());
+                self.expect_banner(now);
+                None
+            }
+            Act::Expect { class, timeout } => {
+                Some(Wait::Class(class.clone(), now.after(self.patient(*timeout))))
+            }
+            Act::Until { words, timeout } => {
+                let until = now.after(self.patient(*timeout));
+                Some(Wait::State { words: words.clone(), until, ask: self.asking(now) })
+            }
+            Act::Sleep(ms) => Some(Wait::Until(now.after(Duration::from_millis(*ms)))),
+            Act::Settle(stall) => match (self.spec.done.method, self.spec.done.command.clone()) {
+                (DoneMethod::Barrier, Some(name)) => {
+                    let ticket = self.ticket();
+                    self.exchange.submit(ticket, &name, None, self.device_fields(Fields::new()), None)?;
+                    Some(Wait::Reply(ticket))
+                }
+                _ => Some(Wait::Settle(Settle {
+                    stall: *stall,
+                    ask: self.asking(now),
+                    idle_in_a_row: 0,
+                    last: Vec::new(),
+                    last_state: None,
+                    progress: now,
+                    answered: now,
+                })),
+            },
+            Act::AskPositions => {
+                let mut tickets = Vec::new();
+                if let Some(name) = self.spec.position.command.clone() {
+                    for (name, axis, fields) in self.addresses(&name) {
+                        let ticket = self.ticket();
+                        self.exchange.submit(ticket, &name, axis, fields, None)?;
+                        tickets.push(ticket);
+                    }
+                    Some(Wait::Answers(tickets))
+                } else {
+                    let name = self.spec.position.realtime.clone().unwrap_or_default();
+                    self.urgent
+                        .extend(self.spec.realtime.get(&name).map(|b| b.0.clone()).unwrap_or_default());
+                    Some(Wait::Class(self.spec.position.class.clone(), now.after(self.patient(2000))))
+                }
+            }
+        })
+    }
+
+    fn asking(&self, now: Timestamp) -> Asking {
+        Asking { due: now, tickets: Vec::new(), reports: self.state_reports, asked: false }
+    }
+
+    /// Asks for the state when a question is due and the last one is answered.
+    fn ask(&mut self, ask: &mut Asking, now: Timestamp) {
+        if ask.due > now || self.is_silent() || !ask.tickets.is_empty() {
+            return;
+        }
+        ask.reports = self.state_reports;
+        ask.asked = true;
+        // A question every few milliseconds of wall time is enough, however fast bench time runs.
+        let period = Duration::from_millis(self.spec.done.period_ms)
+            .max(Duration::from_millis(5).mul_f64(self.patience));
+        ask.due = now.after(period);
+        if let Some(name) = &self.spec.done.realtime {
+            self.urgent.extend(self.spec.realtime.get(name).map(|b| b.0.clone()).unwrap_or_default());
+        } else if let Some(name) =
+            self.spec.done.command.clone().filter(|_| self.spec.done.method != DoneMethod::Barrier)
+        {
+            for (name, axis, fields) in self.addresses(&name) {
+                let ticket = self.ticket();
+                if self.exchange.submit(ticket, &name, axis, fields, None).is_ok() {
+                    ask.tickets.push(ticket);
+                }
+            }
+        }
+    }
+
+    fn check(&mut self, task: &mut Task, step: &Move, now: Timestamp) -> Check {
+        let mut wait = std::mem::replace(&mut task.wait, Wait::Begin);
+        let verdict = match &mut wait {
+            Wait::Begin => Check::Met,
+            Wait::Reply(_) => match task.answers.pop_front().map(|(_, outcome)| outcome) {
+                Some(Ok(replies)) => {
+                    task.replies.extend(replies);
+                    match self.flag_failure.take() {
+                        Some(failure) if !task.survives_alarm => Check::Failed(failure),
+                        _ => Check::Met,
+                    }
+                }
+                Some(Err(failure)) => Check::Failed(failure),
+                None => Check::Waiting,
+            },
+            Wait::Class(class, until) => {
+                if let Some(reply) = self.classes_seen.iter().find(|r| r.class == *class) {
+                    task.replies.push(reply.clone());
+                    Check::Met
+                } else if *until <= now {
+                    Check::Failed(no_reply(class, &step.act))
+                } else {
+                    Check::Waiting
+                }
+            }
+            Wait::Until(until) => {
+                if *until <= now {
+                    Check::Met
+                } else {
+                    Check::Waiting
+                }
+            }
+            Wait::State { words, until, ask } => {
+                let answered = self.state_reports > ask.reports && ask.asked;
+                let all_answered = take_answers(ask, &mut task.answers).0;
+                let state = self.state().filter(|_| answered && all_answered);
+                if state.is_some_and(|s| words.iter().any(|w| self.is_state(w, s))) {
+                    Check::Met
+                } else if *until <= now {
+                    Check::Failed(no_reply(&format!("state {}", words.join(" or ")), &step.act))
+                } else {
+                    self.ask(ask, now);
+                    Check::Waiting
+                }
+            }
+            Wait::Settle(settle) => self.check_settle(settle, &mut task.answers, now),
+            Wait::Answers(tickets) => loop {
+                match task.answers.pop_front() {
+                    Some((ticket, Ok(more))) => {
+                        task.replies.extend(more);
+                        tickets.retain(|t| *t != ticket);
+                    }
+                    Some((_, Err(failure))) => break Check::Failed(failure),
+                    None if tickets.is_empty() => break Check::Met,
+                    None => break Check::Waiting,
+                }
+            },
+        };
+        if matches!(verdict, Check::Waiting) {
+            task.wait = wait;
+        }
+        verdict
+    }
+
+    fn is_state(&self, word: &str, state: MotionState) -> bool {
+        let (name, sub) = word.split_once(':').map_or((word, None), |(n, s)| (n, Some(s)));
+        let names = match state {
+            MotionState::Idle => "idle",
+            MotionState::Moving => "moving",
+            MotionState::Homing => "homing",
+            MotionState::Hold => "hold",
+            MotionState::Alarm => "alarm",
+            MotionState::Off => "off",
+        };
+        name == names && sub.is_none_or(|s| self.sub_state.as_deref() == Some(s))
+    }
+
+    /// Whether motion has ended: fresh answers that say so, several in a row where the file asks it.
+    fn check_settle(
+        &mut self,
+        settle: &mut Settle,
+        answers: &mut VecDeque<(Ticket, Outcome)>,
+        now: Timestamp,
+    ) -> Check {
+        if let Some(failure) = self.flag_failure.take() {
+            return Check::Failed(failure);
+        }
+        // The device says that it has arrived: ask at once whether that is so.
+        if let Some(event) = &self.spec.done.event
+            && let Some(at) = self.classes_seen.iter().position(|r| r.class == *event)
+        {
+            self.classes_seen.remove(at);
+            settle.ask.due = now;
+        }
+        let (all_answered, replies, failed) = take_answers(&mut settle.ask, answers);
+        if let Some(failure) = failed {
+            return Check::Failed(failure);
+        }
+        let field = self.spec.done.field.clone();
+        let index = field.and_then(|f| replies.iter().find_map(|r| r.fields.get(&f).and_then(Value::as_i64)));
+        if settle.ask.asked && self.spec.done.method == DoneMethod::QueueIndex {
+            if let (Some(now_at), Some(wanted)) = (index, self.queue_index)
+                && now_at >= wanted
+            {
+                return Check::Met;
+            }
+            if index.is_some() {
+                settle.answered = now;
+            }
+        } else if settle.ask.asked && all_answered && self.state_reports > settle.ask.reports {
+            settle.ask.reports = self.state_reports;
+            settle.ask.asked = false;
+            settle.answered = now;
+            match self.state() {
+                Some(MotionState::Idle) => settle.idle_in_a_row += 1,
+                Some(MotionState::Alarm) => {
+                    return Check::Failed(Failure::Alarm {
+                        code: "state".to_owned(),
+                        text: "the device is locked by an alarm; home it".to_owned(),
+                        trust: Trust::Lost,
+                        recover: None,
+                    });
+                }
+                state => {
+                    settle.idle_in_a_row = 0;
+                    if state != settle.last_state {
+                        settle.progress = now;
+                    }
+                    settle.last_state = state;
+                }
+            }
+            if settle.idle_in_a_row >= self.spec.done.confirm_n {
+                return Check::Met;
+            }
+        }
+        // Progress is a position that changes; where none is reported, an answer has to do.
+        let here: Vec<Option<f64>> = self.positions().iter().map(|r| r.map(|r| r.value)).collect();
+        let asked_alone = self.spec.position.command.is_some();
+        if here != settle.last || (asked_alone && settle.answered == now) {
+            settle.last = here;
+            settle.progress = now;
+        }
+        let silence = settle.stall.max(Duration::from_millis(2000)).mul_f64(self.patience);
+        if now.since(settle.answered) >= silence && !self.is_silent() {
+            return Check::Failed(Failure::NoReply {
+                what: "questions about the state".to_owned(),
+                waited: silence,
+            });
+        }
+        let stalled = now.since(settle.progress) >= settle.stall.mul_f64(self.patience.max(1.0));
+        if stalled && settle.last_state == Some(MotionState::Moving) && settle.idle_in_a_row == 0 {
+            return Check::Failed(Failure::Stalled { stall: settle.stall });
+        }
+        self.ask(&mut settle.ask, now);
+        Check::Waiting
+    }
+}
+
+/// Books the answers to questions: whether none is open, what they carried, whether one failed.
+fn take_answers(
+    ask: &mut Asking,
+    answers: &mut VecDeque<(Ticket, Outcome)>,
+) -> (bool, Vec<Reply>, Option<Failure>) {
+    let (mut replies, mut failed) = (Vec::new(), None);
+    for (ticket, answer) in answers.drain(..) {
+        ask.tickets.retain(|t| *t != ticket);
+        match answer {
+            Ok(more) => replies.extend(more),
+            Err(failure) => failed = Some(failure),
+        }
+    }
+    (ask.tickets.is_empty(), replies, failed)
+}
+
+enum Progress {
+    Waiting,
+    Ended(Outcome),
+}
+
+enum Check {
+    Waiting,
+    Met,
+    Failed(Failure),
+}
+
+fn no_reply(what: &str, act: &Act) -> Failure {
+    let waited = match act {
+        Act::Expect { timeout, .. } | Act::Until { timeout, .. } => Duration::from_millis(*timeout),
+        _ => Duration::from_millis(2000),
+    };
+    Failure::NoReply { what: what.to_owned(), waited }
+}

@@ -1,0 +1,283 @@
+//! The bench as one machine: movers that together make the indenter's pose, and a camera.
+//!
+//! Poses here are in the frame of the *nominal* contact (the origins of the rig file); the contact
+//! zero that touch-off finds is added by the session. The bench keeps the order of moves that makes
+//! dragging impossible, and asks the devices where they are instead of believing what it sent.
+
+use super::event::AxisReading;
+use super::stop::{StopLevel, StopSwitch};
+use crate::clock::Clock;
+use crate::device::camera::{Camera, CameraError};
+use crate::device::mover::{Mover, MoverError, Reference};
+use crate::frame::Frame;
+use crate::image;
+use crate::motion::{AxisRole, Coordinate, PoseMap};
+use crate::pose::Pose;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// Movers, camera, and how they make a pose.
+pub struct Bench {
+    /// Devices of the rig file by name.
+    pub movers: BTreeMap<String, Mover>,
+    /// Which axis makes which coordinate.
+    pub map: PoseMap,
+    /// The camera inside the sensor.
+    pub camera: Box<dyn Camera>,
+    /// Bench time.
+    pub clock: Clock,
+    /// Stops everything.
+    pub stop: StopSwitch,
+}
+
+/// How fast to go.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Feeds {
+    /// Along straight lines, mm/s.
+    pub mm_s: f64,
+    /// About z, deg/s.
+    pub deg_s: f64,
+}
+
+/// Why the bench could not do something.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// A mover failed.
+    #[error(transparent)]
+    Mover(#[from] MoverError),
+    /// The camera failed.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// Somebody raised the stop switch.
+    #[error("stopped")]
+    Stopped,
+    /// The picture does not come to rest.
+    #[error(
+        "the picture is not still: consecutive frames differ by {rms:.2} code values after {waited:?}, allowed {allowed}; look for vibration or flicker, or raise session.still_rms"
+    )]
+    NotStill {
+        /// Difference of the last two frames.
+        rms: f64,
+        /// Allowed difference.
+        allowed: f64,
+        /// How long was waited.
+        waited: Duration,
+    },
+    /// A move would drag the indenter through the pad.
+    #[error(
+        "a move from ({from}) to ({to}) would go sideways and down at once below the surface; retract first"
+    )]
+    Drag {
+        /// Present pose.
+        from: Pose,
+        /// Refused pose.
+        to: Pose,
+    },
+    /// No axis provides a coordinate that must change.
+    #[error(
+        "this rig has no axis for {coordinate}; the pose ({to}) needs it: add motion.{coordinate} to the rig file or choose another plan"
+    )]
+    NoAxis {
+        /// The missing coordinate.
+        coordinate: &'static str,
+        /// The pose that needs it.
+        to: Pose,
+    },
+}
+
+impl Bench {
+    /// Asks every device who it is; a wrong answer is an error, and nothing has moved.
+    pub async fn identify(&mut self) -> Result<Vec<(String, String)>, BenchError> {
+        let mut identities = Vec::new();
+        for (name, mover) in &mut self.movers {
+            identities.push((name.clone(), mover.identify().await?));
+        }
+        Ok(identities)
+    }
+
+    /// References all axes, the pressing one first: homing lifts it away from the sensor.
+    pub async fn home(&mut self) -> Result<(), BenchError> {
+        let press = self.map.z.device.clone();
+        let rest: Vec<_> = self.movers.keys().filter(|name| **name != press).cloned().collect();
+        for name in std::iter::once(press).chain(rest) {
+            self.check_stop()?;
+            let result = self.mover(&name).home().await;
+            self.unless_stopped(result)?;
+        }
+        Ok(())
+    }
+
+    /// Whether every axis knows where it is.
+    pub fn is_referenced(&self) -> bool {
+        self.movers.values().all(|m| m.reference() == Reference::Referenced)
+    }
+
+    /// Whether the pressing axis knows where it is, so that it may be retracted.
+    pub fn may_retract(&self) -> bool {
+        self.movers.get(&self.map.z.device).is_some_and(|m| m.reference() == Reference::Referenced)
+    }
+
+    /// Where the devices say the indenter is, with every axis asked.
+    pub async fn measured(&mut self) -> Result<(Pose, Vec<(String, String, f64)>), BenchError> {
+        let mut positions = Vec::new();
+        for (name, mover) in &mut self.movers {
+            for reading in mover.position().await? {
+                positions.push((name.clone(), reading.axis, reading.position));
+            }
+        }
+        let find = |device: &str, axis: &str| {
+            positions.iter().find(|(d, a, _)| d == device && a == axis).map_or(f64::NAN, |(_, _, p)| *p)
+        };
+        Ok((self.map.pose(find), positions))
+    }
+
+    /// Pairs what was measured with what was asked for at `commanded`.
+    pub fn readings(&self, commanded: &Pose, measured: &[(String, String, f64)]) -> Vec<AxisReading> {
+        let mut readings = Vec::new();
+        for coordinate in Coordinate::ALL {
+            let Some(role) = self.map.role(coordinate) else { continue };
+            let asked = role.to_axis(coordinate.of(commanded));
+            let told = measured.iter().find(|(d, a, _)| *d == role.device && *a == role.axis);
+            readings.push(AxisReading {
+                device: role.device.clone(),
+                axis: role.axis.clone(),
+                commanded: asked,
+                measured: told.map_or(f64::NAN, |(_, _, p)| *p),
+            });
+        }
+        readings
+    }
+
+    /// Goes to a pose in the order that never drags, and returns when everything has settled there.
+    pub async fn go(&mut self, to: &Pose, feeds: Feeds) -> Result<(), BenchError> {
+        let (from, _) = self.measured().await?;
+        let sideways = [Coordinate::X, Coordinate::Y, Coordinate::Theta]
+            .into_iter()
+            .any(|c| self.map.role(c).is_some() && !same(c.of(&from), c.of(to)));
+        let down = to.z_mm < from.z_mm && !same(to.z_mm, from.z_mm);
+        if sideways && down && from.z_mm < -AT_REST_MM {
+            return Err(BenchError::Drag { from, to: *to });
+        }
+        if down || same(to.z_mm, from.z_mm) {
+            self.go_sideways(&from, to, feeds).await?;
+            self.go_along(&[(Coordinate::Z, to.z_mm)], feeds.mm_s).await
+        } else {
+            self.go_along(&[(Coordinate::Z, to.z_mm)], feeds.mm_s).await?;
+            self.go_sideways(&from, to, feeds).await
+        }
+    }
+
+    /// Lifts the indenter straight up to a height; nothing else moves.
+    pub async fn lift(&mut self, z_mm: f64, mm_s: f64) -> Result<(), BenchError> {
+        let (from, _) = self.measured().await?;
+        if from.z_mm >= z_mm {
+            return Ok(());
+        }
+        let role = self.map.z.clone();
+        let target = [(role.axis.as_str(), role.to_axis(z_mm))];
+        Ok(self.mover(&role.device).move_to(&target, mm_s).await.map(drop)?)
+    }
+
+    async fn go_sideways(&mut self, from: &Pose, to: &Pose, feeds: Feeds) -> Result<(), BenchError> {
+        let mut lines = Vec::new();
+        for coordinate in [Coordinate::X, Coordinate::Y] {
+            if !same(coordinate.of(from), coordinate.of(to)) || self.map.role(coordinate).is_some() {
+                lines.push((coordinate, coordinate.of(to)));
+            }
+        }
+        lines.retain(|(c, _)| !same(c.of(from), c.of(to)));
+        self.go_along(&lines, feeds.mm_s).await?;
+        if !same(from.theta_deg, to.theta_deg) {
+            self.go_along(&[(Coordinate::Theta, to.theta_deg)], feeds.deg_s).await?;
+        }
+        Ok(())
+    }
+
+    /// One straight move of each device involved, one device after the other.
+    async fn go_along(&mut self, lines: &[(Coordinate, f64)], feed: f64) -> Result<(), BenchError> {
+        let mut by_device: BTreeMap<String, Vec<(AxisRole, f64)>> = BTreeMap::new();
+        for (coordinate, value) in lines {
+            let Some(role) = self.map.role(*coordinate).cloned() else {
+                let mut to = Pose::default();
+                match coordinate {
+                    Coordinate::X => to.x_mm = *value,
+                    Coordinate::Y => to.y_mm = *value,
+                    Coordinate::Z => to.z_mm = *value,
+                    Coordinate::Theta => to.theta_deg = *value,
+                }
+                return Err(BenchError::NoAxis { coordinate: coordinate.name(), to });
+            };
+            let target = role.to_axis(*value);
+            by_device.entry(role.device.clone()).or_default().push((role, target));
+        }
+        for (device, targets) in by_device {
+            self.check_stop()?;
+            let targets: Vec<_> = targets.iter().map(|(role, t)| (role.axis.as_str(), *t)).collect();
+            let result = self.mover(&device).move_to(&targets, feed).await.map(drop);
+            self.unless_stopped(result)?;
+        }
+        Ok(())
+    }
+
+    /// A frame exposed after now that agrees with the one after it, and how much the two differ.
+    pub async fn still_frame(
+        &mut self,
+        allowed_rms: f64,
+        within: Duration,
+    ) -> Result<(Frame, f64), BenchError> {
+        let begun = self.clock.now();
+        let mut before = self.fresh_frame(within).await?;
+        loop {
+            self.check_stop()?;
+            let next = self.fresh_frame(within).await?;
+            let rms = rms_difference(&before, &next);
+            if rms <= allowed_rms {
+                return Ok((next, rms));
+            }
+            let waited = self.clock.now().since(begun);
+            if waited >= within {
+                return Err(BenchError::NotStill { rms, allowed: allowed_rms, waited });
+            }
+            before = next;
+        }
+    }
+
+    async fn fresh_frame(&mut self, within: Duration) -> Result<Frame, BenchError> {
+        let now = self.clock.now();
+        tokio::select! {
+            frame = self.camera.frame_after(now, within) => Ok(frame?),
+            () = self.stop.raised_to(StopLevel::Controlled) => Err(BenchError::Stopped),
+        }
+    }
+
+    fn mover(&mut self, device: &str) -> &mut Mover {
+        self.movers.get_mut(device).expect("configuration refuses a motion role of an unknown device")
+    }
+
+    fn check_stop(&self) -> Result<(), BenchError> {
+        if self.stop.is_raised() { Err(BenchError::Stopped) } else { Ok(()) }
+    }
+
+    /// A mover that was interrupted by the switch reports its own error; the cause is the switch.
+    fn unless_stopped(&self, result: Result<(), MoverError>) -> Result<(), BenchError> {
+        match result {
+            Err(_) if self.stop.is_raised() => Err(BenchError::Stopped),
+            other => Ok(other?),
+        }
+    }
+}
+
+/// Smaller differences are no motion: no axis of such a bench resolves a nanometre.
+const SAME: f64 = 1e-6;
+
+/// A tip less deep than this is not in contact: it is what one step of the finest stage moves.
+const AT_REST_MM: f64 = 1e-3;
+
+fn same(a: f64, b: f64) -> bool {
+    (a - b).abs() < SAME
+}
+
+/// Root mean square difference of two frames in code values; infinite when their sizes differ.
+pub fn rms_difference(a: &Frame, b: &Frame) -> f64 {
+    image::arithmetic::rms_difference(a, b).unwrap_or(f64::INFINITY)
+}

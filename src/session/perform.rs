@@ -1,0 +1,274 @@
+//! The loop: from homing to the last retract.
+
+use super::bench::{Bench, BenchError, Feeds, rms_difference};
+use super::event::{Event, RealCapture};
+use super::stop::StopLevel;
+use super::touch_off::{TouchOffError, TouchOffSettings, find_contact};
+use crate::frame::Frame;
+use crate::motion::{Trajectory, Waypoint};
+use crate::pose::Pose;
+use std::collections::{BTreeMap, BTreeSet};
+use std::future::Future;
+use std::pin::Pin;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use tokio::sync::mpsc;
+
+/// Asks whoever is at the bench to mount an indenter; answers whether it was done.
+pub type Operator = Box<dyn FnMut(&str) -> Pin<Box<dyn Future<Output = bool> + Send>> + Send>;
+
+/// How a session is run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SessionSettings {
+    /// How the contact is found; `None`: it is given.
+    pub touch_off: Option<TouchOffSettings>,
+    /// Height of the contact above the nominal contact where it is given, mm.
+    pub given_zero_mm: f64,
+    /// Height at which sideways travel is safe, mm above the nominal contact.
+    pub clearance_mm: f64,
+    /// Feeds in the air.
+    pub travel: Feeds,
+    /// Largest difference of two frames of a still picture, code values.
+    pub still_rms: f64,
+    /// How long a frame or a still picture may take.
+    pub frame_within: Duration,
+    /// Frames thrown away before the first background, for exposure and lamps to settle.
+    pub warmup_frames: u32,
+    /// A new background every so many episodes, besides at every change of indenter; 0: never.
+    pub background_every: u32,
+    /// Largest accepted departure of the measured pose from the commanded one, mm (degrees for rotation).
+    pub departure: f64,
+}
+
+impl SessionSettings {
+    /// How fast to go to a waypoint: its own feeds, or those of travel where it has none.
+    pub fn feeds(&self, waypoint: &Waypoint) -> Feeds {
+        let or = |own: f64, travel: f64| if own > 0.0 { own } else { travel };
+        Feeds {
+            mm_s: or(waypoint.feed_mm_s, self.travel.mm_s),
+            deg_s: or(waypoint.feed_deg_s, self.travel.deg_s),
+        }
+    }
+}
+
+/// Why a session ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// The bench failed.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    /// No contact.
+    #[error("indenter {indenter}: {source}")]
+    TouchOff {
+        /// Indenter being touched off.
+        indenter: String,
+        /// What happened.
+        source: TouchOffError,
+    },
+    /// The operator did not mount the indenter.
+    #[error("indenter {indenter} was not confirmed; mount it and resume")]
+    NotMounted {
+        /// Which one.
+        indenter: String,
+    },
+    /// Whoever receives the events has gone, for a reason of its own.
+    #[error("nobody receives the captures any more")]
+    NoReceiver,
+}
+
+impl SessionError {
+    /// Whether this is the stop switch and nothing worse.
+    pub fn is_stop(&self) -> bool {
+        matches!(
+            self,
+            SessionError::Bench(BenchError::Stopped)
+                | SessionError::TouchOff { source: TouchOffError::Bench(BenchError::Stopped), .. }
+        )
+    }
+}
+
+/// One run over a trajectory.
+pub struct Session<'a> {
+    /// The devices.
+    pub bench: &'a mut Bench,
+    /// What to do.
+    pub trajectory: &'a Trajectory,
+    /// How.
+    pub settings: SessionSettings,
+    /// Who mounts indenters.
+    pub operator: Operator,
+    /// Contact zeros already known, by indenter (from an earlier run of the same mounting).
+    pub contact_zero_mm: BTreeMap<String, f64>,
+    /// Where events go; the channel's bound is what paces the bench to the disk.
+    pub events: mpsc::Sender<Event>,
+}
+
+impl Session<'_> {
+    /// Performs every capture that is not `done`. Ends retracted, or says why it could not.
+    pub async fn run(mut self, done: &BTreeSet<u32>) -> Result<(), SessionError> {
+        let result = self.perform(done).await;
+        if result.is_err() {
+            // Whatever failed, the other device may still be moving.
+            self.bench.stop.raise(StopLevel::Controlled);
+        }
+        let retracted = self.retract().await;
+        match (result, retracted) {
+            (Err(first), _) => Err(first),
+            (Ok(()), Err(late)) => Err(late),
+            (Ok(()), Ok(())) => Ok(()),
+        }
+    }
+
+    async fn perform(&mut self, done: &BTreeSet<u32>) -> Result<(), SessionError> {
+        for (device, identity) in self.bench.identify().await? {
+            self.tell(Event::Identified { device, identity }).await?;
+        }
+        if !self.bench.is_referenced() {
+            self.bench.home().await?;
+            self.tell(Event::Homed).await?;
+        }
+        self.bench.lift(self.settings.clearance_mm, self.settings.travel.mm_s).await?;
+        for _ in 0..self.settings.warmup_frames {
+            self.bench
+                .camera
+                .frame_after(self.bench.clock.now(), self.settings.frame_within)
+                .await
+                .map_err(BenchError::from)?;
+        }
+
+        let mut mounted: Option<String> = None;
+        let mut backgrounds = Backgrounds::default();
+        for (index, episode) in self.trajectory.episodes.iter().enumerate() {
+            let index = index as u32;
+            let due = |w: &Waypoint| w.capture.is_some_and(|c| !done.contains(&c));
+            if !self.trajectory.waypoints_of(index).iter().any(due) {
+                continue;
+            }
+
+            // Mount, photograph the untouched sensor, find the contact.
+            let changed = mounted.as_deref() != Some(episode.indenter.as_str());
+            if changed {
+                self.bench.lift(self.settings.clearance_mm, self.settings.travel.mm_s).await?;
+                if !(self.operator)(&episode.indenter).await {
+                    return Err(SessionError::NotMounted { indenter: episode.indenter.clone() });
+                }
+                mounted = Some(episode.indenter.clone());
+                self.tell(Event::Mounted { indenter: episode.indenter.clone() }).await?;
+            }
+            let every = self.settings.background_every;
+            if changed || (every > 0 && index % every == 0) {
+                self.take_background(&episode.indenter, &mut backgrounds).await?;
+            }
+            let zero_mm = self.contact_zero(index, &episode.indenter, &backgrounds).await?;
+
+            // Walk the episode.
+            self.tell(Event::Episode { episode: index }).await?;
+            for waypoint in self.trajectory.waypoints_of(index) {
+                let target = Pose { z_mm: waypoint.pose.z_mm + zero_mm, ..waypoint.pose };
+                self.bench.go(&target, self.settings.feeds(waypoint)).await?;
+                if let Some(capture) = waypoint.capture.filter(|_| due(waypoint)) {
+                    self.capture(capture, &waypoint.pose, zero_mm, &backgrounds).await?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    async fn take_background(
+        &mut self,
+        indenter: &str,
+        backgrounds: &mut Backgrounds,
+    ) -> Result<(), SessionError> {
+        self.bench.lift(self.settings.clearance_mm, self.settings.travel.mm_s).await?;
+        let (frame, _) = self.bench.still_frame(self.settings.still_rms, self.settings.frame_within).await?;
+        let first = backgrounds.first.get_or_insert_with(|| frame.clone());
+        backgrounds.drift_rms = rms_difference(first, &frame);
+        backgrounds.last = Some(frame.clone());
+        let (number, drift_rms) = (backgrounds.count, backgrounds.drift_rms);
+        backgrounds.count += 1;
+        self.tell(Event::Background { indenter: indenter.to_owned(), number, frame, drift_rms }).await
+    }
+
+    async fn contact_zero(
+        &mut self,
+        episode: u32,
+        indenter: &str,
+        backgrounds: &Backgrounds,
+    ) -> Result<f64, SessionError> {
+        if let Some(zero_mm) = self.contact_zero_mm.get(indenter) {
+            return Ok(*zero_mm);
+        }
+        let (Some(settings), Some(background)) = (&self.settings.touch_off, &backgrounds.last) else {
+            return Ok(self.settings.given_zero_mm);
+        };
+        let over = self.trajectory.waypoints_of(episode)[0].pose;
+        let contact = find_contact(self.bench, &over, background, settings, self.settings.still_rms)
+            .await
+            .map_err(|source| SessionError::TouchOff { indenter: indenter.to_owned(), source })?;
+        self.bench.lift(self.settings.clearance_mm, self.settings.travel.mm_s).await?;
+        self.contact_zero_mm.insert(indenter.to_owned(), contact.zero_mm);
+        let (contact_zero_mm, frame) = (contact.zero_mm, contact.frame);
+        self.tell(Event::Touched { indenter: indenter.to_owned(), contact_zero_mm, frame }).await?;
+        Ok(contact_zero_mm)
+    }
+
+    async fn capture(
+        &mut self,
+        capture: u32,
+        commanded: &Pose,
+        zero_mm: f64,
+        backgrounds: &Backgrounds,
+    ) -> Result<(), SessionError> {
+        let settled_at = self.bench.clock.now();
+        let (frame, still_rms) =
+            self.bench.still_frame(self.settings.still_rms, self.settings.frame_within).await?;
+        let settle = frame.stamp.exposed_at.since(settled_at);
+        let (at, positions) = self.bench.measured().await?;
+        let measured = Pose { z_mm: at.z_mm - zero_mm, ..at };
+        let nominal = Pose { z_mm: commanded.z_mm + zero_mm, ..*commanded };
+        let departed = commanded.distance_mm(&measured) > self.settings.departure
+            || (commanded.theta_deg - measured.theta_deg).abs() > self.settings.departure;
+        let utc = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let real = RealCapture {
+            capture,
+            commanded: *commanded,
+            measured,
+            contact_zero_mm: zero_mm,
+            axes: self.bench.readings(&nominal, &positions),
+            settled_at,
+            settle,
+            still_rms,
+            frame,
+            utc_ns: i64::try_from(utc.as_nanos()).unwrap_or(i64::MAX),
+            departed,
+            drift_rms: backgrounds.drift_rms,
+        };
+        self.tell(Event::Captured(Box::new(real))).await
+    }
+
+    /// Lifts the arm if its position can be trusted; says so when it could not.
+    async fn retract(&mut self) -> Result<(), SessionError> {
+        if !self.bench.may_retract() {
+            tracing::warn!(
+                "the arm's position is not known, so it stays where it is; home the rig before anything else"
+            );
+            return Ok(());
+        }
+        self.bench.lift(self.settings.clearance_mm, self.settings.travel.mm_s).await?;
+        // The receiver may be the very thing that failed.
+        let _ = self.events.send(Event::Retracted).await;
+        Ok(())
+    }
+
+    async fn tell(&mut self, event: Event) -> Result<(), SessionError> {
+        self.events.send(event).await.map_err(|_| SessionError::NoReceiver)
+    }
+}
+
+/// Pictures of the untouched sensor.
+#[derive(Default)]
+struct Backgrounds {
+    first: Option<Frame>,
+    last: Option<Frame>,
+    count: u32,
+    drift_rms: f64,
+}

@@ -1,0 +1,191 @@
+//! Touch-off: where the pad begins, found by looking.
+//!
+//! The indenter descends in steps until the picture differs from the background, backs off, and
+//! descends again in steps ten times finer. What counts as different is the largest change of any
+//! block of pixels: a contact is small and sharp, noise averages out within a block, and a change of
+//! the light is removed beforehand as the median of all blocks.
+
+use super::bench::{Bench, BenchError, Feeds};
+use crate::frame::Frame;
+use crate::pose::Pose;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// How to look for the contact.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TouchOffSettings {
+    /// Height of the first look above the nominal contact, mm.
+    pub start_mm: f64,
+    /// Coarse step, mm; the fine one is a tenth of it.
+    pub step_mm: f64,
+    /// Change of a block that counts as contact, code values.
+    pub threshold: f64,
+    /// Deepest descent below the nominal contact, mm.
+    pub max_depth_mm: f64,
+    /// Feed of the descent, mm/s.
+    pub feed_mm_s: f64,
+}
+
+/// The contact as it was found.
+#[derive(Debug, Clone)]
+pub struct Contact {
+    /// Height of the tip at contact in the frame of the nominal contact, mm.
+    pub zero_mm: f64,
+    /// The first frame that showed it.
+    pub frame: Frame,
+    /// How strongly it showed, code values.
+    pub change: f64,
+}
+
+/// Why no contact was found.
+#[derive(Debug, thiserror::Error)]
+pub enum TouchOffError {
+    /// The bench failed.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    /// Nothing changed on the whole way down.
+    #[error(
+        "no contact seen down to {deepest_mm:.3} mm below the nominal contact (largest change {change:.2} of {threshold} code values); check that the indenter is mounted over the pad, correct motion.z.origin, or raise contact.max_depth_mm"
+    )]
+    NotFound {
+        /// Deepest position looked at.
+        deepest_mm: f64,
+        /// Largest change seen.
+        change: f64,
+        /// What was needed.
+        threshold: f64,
+    },
+    /// The picture differed before the descent began.
+    #[error(
+        "the picture differs from the background by {change:.2} code values (threshold {threshold}) before the descent, {height_mm:.3} mm above the nominal contact; the indenter already touches, or the light changed: raise contact.start_mm or take a new background"
+    )]
+    AlreadyDifferent {
+        /// Change seen.
+        change: f64,
+        /// What counts as contact.
+        threshold: f64,
+        /// Height of the tip.
+        height_mm: f64,
+    },
+}
+
+/// How long a picture may take to come to rest.
+const STILL_WITHIN: Duration = Duration::from_secs(5);
+
+/// Finds the contact below (x, y) of `over`. The indenter is left at the contact.
+pub async fn find_contact(
+    bench: &mut Bench,
+    over: &Pose,
+    background: &Frame,
+    settings: &TouchOffSettings,
+    still_rms: f64,
+) -> Result<Contact, TouchOffError> {
+    let feeds = Feeds { mm_s: settings.feed_mm_s, deg_s: f64::INFINITY };
+    let at = |z_mm: f64| Pose { z_mm, ..*over };
+
+    bench.go(&at(settings.start_mm), feeds).await?;
+    let (frame, _) = bench.still_frame(still_rms, STILL_WITHIN).await?;
+    let change = largest_block_change(background, &frame);
+    if change > settings.threshold {
+        let (threshold, height_mm) = (settings.threshold, settings.start_mm);
+        return Err(TouchOffError::AlreadyDifferent { change, threshold, height_mm });
+    }
+
+    // Coarse descent, then again from one step higher in fine steps.
+    let coarse =
+        descend(bench, over, background, settings, settings.start_mm, settings.step_mm, still_rms).await?;
+    let back = coarse.zero_mm + settings.step_mm;
+    bench.go(&at(back), feeds).await?;
+    descend(bench, over, background, settings, back, settings.step_mm / 10.0, still_rms).await
+}
+
+async fn descend(
+    bench: &mut Bench,
+    over: &Pose,
+    background: &Frame,
+    settings: &TouchOffSettings,
+    from_mm: f64,
+    step_mm: f64,
+    still_rms: f64,
+) -> Result<Contact, TouchOffError> {
+    let feeds = Feeds { mm_s: settings.feed_mm_s, deg_s: f64::INFINITY };
+    let mut largest = 0.0_f64;
+    let steps = ((from_mm + settings.max_depth_mm) / step_mm).floor() as u64;
+    for k in 1..=steps {
+        let z_mm = from_mm - k as f64 * step_mm;
+        bench.go(&Pose { z_mm, ..*over }, feeds).await?;
+        let (frame, _) = bench.still_frame(still_rms, STILL_WITHIN).await?;
+        let change = largest_block_change(background, &frame);
+        largest = largest.max(change);
+        if change > settings.threshold {
+            return Ok(Contact { zero_mm: z_mm, frame, change });
+        }
+    }
+    let (deepest_mm, threshold) = (settings.max_depth_mm, settings.threshold);
+    Err(TouchOffError::NotFound { deepest_mm, change: largest, threshold })
+}
+
+/// Side of a block, pixels: a contact of a few tenths of a millimetre fills one.
+const BLOCK: usize = 16;
+
+/// Largest change of the mean of any block and channel, after the median change is taken off.
+pub fn largest_block_change(a: &Frame, b: &Frame) -> f64 {
+    if (a.width, a.height) != (b.width, b.height) {
+        return f64::INFINITY;
+    }
+    let (w, h) = (a.width as usize, a.height as usize);
+    let mut largest = 0.0_f64;
+    for channel in 0..3 {
+        let mut changes = Vec::with_capacity((w / BLOCK) * (h / BLOCK));
+        for by in (0..h).step_by(BLOCK) {
+            for bx in (0..w).step_by(BLOCK) {
+                let (mut sum, mut count) = (0_i64, 0_i64);
+                for y in by..(by + BLOCK).min(h) {
+                    for x in bx..(bx + BLOCK).min(w) {
+                        let i = (y * w + x) * 3 + channel;
+                        sum += i64::from(b.rgb[i]) - i64::from(a.rgb[i]);
+                        count += 1;
+                    }
+                }
+                changes.push(sum as f64 / count as f64);
+            }
+        }
+        let mut sorted = changes.clone();
+        sorted.sort_by(f64::total_cmp);
+        let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+        largest = changes.iter().map(|c| (c - median).abs()).fold(largest, f64::max);
+    }
+    largest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Timestamp;
+    use crate::frame::FrameStamp;
+
+    fn frame(f: impl Fn(usize, usize) -> u8) -> Frame {
+        let stamp = FrameStamp {
+            exposed_at: Timestamp(0),
+            exposure: None,
+            sequence: 0,
+            dropped_before: 0,
+            flags: 0,
+            fourcc: "RGB3".into(),
+            averaged: 1,
+        };
+        let rgb = (0..64 * 64).flat_map(|i| [f(i % 64, i / 64); 3]).collect();
+        Frame { width: 64, height: 64, rgb, stamp }
+    }
+
+    #[test]
+    fn a_dimmer_light_is_no_contact_but_a_small_spot_is() {
+        let background = frame(|_, _| 100);
+        let noise = |x: usize, y: usize| if (x * 7 + y * 13) % 2 == 0 { 3 } else { 0 };
+        let dimmer = frame(|x, y| 93 + noise(x, y));
+        assert!(largest_block_change(&background, &dimmer) < 0.5);
+        let spot =
+            frame(|x, y| if (20..28).contains(&x) && (20..28).contains(&y) { 140 } else { 93 + noise(x, y) });
+        assert!(largest_block_change(&background, &spot) > 5.0);
+    }
+}

@@ -1,0 +1,126 @@
+//! What the sensor's camera would see of a deformed pad.
+
+use crate::elastomer::{ElastomerCapture, Pad, Surface};
+use crate::image;
+use crate::optics::imager::{Background, Imager};
+use crate::optics::sensor::SensorOptics;
+use crate::optics::sensor_scene::texture_coordinate;
+use crate::optics::surface::DisplacedSurface;
+use crate::optics::{Error, reference};
+use std::time::{Duration, Instant};
+
+/// The camera's side of a twin.
+#[derive(Debug, Clone)]
+pub struct View {
+    /// The sensor.
+    pub sensor: SensorOptics,
+    /// How pictures are made.
+    pub settings: reference::Settings,
+}
+
+/// The sensor with its pad wearing a picture of itself untouched (or nothing).
+#[derive(Debug, Clone)]
+pub struct Wear {
+    imager: Imager,
+}
+
+/// A simulated capture, as the camera would give it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// 8-bit RGB, row 0 on top.
+    pub image: image::Picture,
+    /// Pad-frame height of the face, mm, on the same grid.
+    pub depth_mm: Vec<f32>,
+    /// Bounding box of the contact: x0, y0, x1, y1 (exclusive), pixels.
+    pub contact_box_px: Option<[u32; 4]>,
+    /// Time it took.
+    pub took: Duration,
+}
+
+impl View {
+    /// Gets ready to wear an untouched image.
+    ///
+    /// # Errors
+    /// When the image has another size than the sensor's camera, or the sensor cannot be rendered.
+    pub fn wear(&self, untouched: Option<&image::Picture>, pad: &Pad) -> Result<Wear, Error> {
+        let camera = &self.sensor.camera;
+        if let Some(image) = untouched
+            && (image.width as usize, image.height as usize) != (camera.width_px, camera.height_px)
+        {
+            return Err(Error::Setting {
+                key: "camera",
+                value: format!("{} x {}", camera.width_px, camera.height_px),
+                why: format!(
+                    "the untouched image is {} x {}; give the sensor file and the rig's [camera] the same size",
+                    image.width, image.height
+                ),
+            });
+        }
+        let background = untouched.map(|image| Background {
+            width: image.width as usize,
+            height: image.height as usize,
+            rgb: &image.rgb,
+        });
+        let flat = DisplacedSurface::flat(2, 2, [pad.size_x_mm, pad.size_y_mm]);
+        Ok(Wear { imager: Imager::new(&self.sensor, self.settings, background, &flat)? })
+    }
+
+    /// The picture of a deformed pad; `capture` numbers it, so that each has its own noise.
+    ///
+    /// # Errors
+    /// When the face cannot be rendered.
+    pub fn picture(&self, pad: &ElastomerCapture, wear: &Wear, capture: u32) -> Result<Picture, Error> {
+        let begun = Instant::now();
+        let seen = wear.imager.picture(&displaced(&pad.surface), capture)?;
+        let camera = &self.sensor.camera;
+        let (width, height) = (camera.width_px as u32, camera.height_px as u32);
+        let image = image::Picture { width, height, rgb: seen.rgb };
+        let contact_box_px = self.contact_box(pad, width, height);
+        Ok(Picture { image, depth_mm: seen.depth_mm, contact_box_px, took: begun.elapsed() })
+    }
+
+    /// Name of the optics mode, for the record.
+    pub fn mode_name(&self) -> &'static str {
+        "reference"
+    }
+
+    /// Samples per pixel, where that is what was chosen.
+    pub fn samples(&self) -> Option<u32> {
+        Some(self.settings.samples)
+    }
+
+    /// Where the contact is in the picture, with a margin: what happens around a contact belongs to it.
+    fn contact_box(&self, pad: &ElastomerCapture, width: u32, height: u32) -> Option<[u32; 4]> {
+        let surface = &pad.surface;
+        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+        for (k, position) in surface.positions.iter().enumerate() {
+            if pad.contact[k] {
+                let uv = texture_coordinate(&self.sensor, position.x, position.y);
+                for (axis, value) in uv.to_array().into_iter().enumerate() {
+                    low[axis] = low[axis].min(value);
+                    high[axis] = high[axis].max(value);
+                }
+            }
+        }
+        let margin = (CONTACT_MARGIN_MM / self.sensor.camera.mm_per_px) as f32;
+        let pixel =
+            |uv: f32, size: u32, shift: f32| (uv * size as f32 + shift).clamp(0.0, size as f32) as u32;
+        let (x0, y0) = (pixel(low[0], width, -margin), pixel(low[1], height, -margin));
+        let (x1, y1) = (pixel(high[0], width, margin), pixel(high[1], height, margin));
+        (low[0].is_finite() && x0 < x1 && y0 < y1).then_some([x0, y0, x1, y1])
+    }
+}
+
+/// A contact shades its surroundings about this far (found by experiment on presses of a millimetre).
+const CONTACT_MARGIN_MM: f64 = 0.7;
+
+/// The elastomer's surface in the optics' words.
+fn displaced(surface: &Surface) -> DisplacedSurface {
+    DisplacedSurface {
+        nx: surface.nx,
+        ny: surface.ny,
+        size_mm: [surface.size_x_mm, surface.size_y_mm],
+        positions: surface.positions.clone(),
+        rest_z: Vec::new(),
+    }
+}

@@ -1,0 +1,198 @@
+//! Every shipped file is loaded and resolved, and every rule about bad files has a fixture.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use twinrig::config::{self, ConfigError, Kind, Setup};
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn rig(name: &str) -> PathBuf {
+    root().join(format!("rig_configs/{name}.toml"))
+}
+
+fn plan(name: &str) -> PathBuf {
+    root().join(format!("rig_configs/plans/{name}.toml"))
+}
+
+fn load(rig_name: &str, plan_name: &str, sets: &[&str]) -> Result<Setup, ConfigError> {
+    let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
+    config::load(&rig(rig_name), Some(&plan(plan_name)), &sets)
+}
+
+fn stems(folder: &str) -> BTreeSet<String> {
+    let files = std::fs::read_dir(root().join(folder)).unwrap().map(|e| e.unwrap().path());
+    files
+        .filter(|p| p.extension().is_some_and(|e| e == "toml"))
+        .map(|p| p.file_stem().unwrap().to_str().unwrap().to_owned())
+        .collect()
+}
+
+#[test]
+fn every_shipped_rig_loads_with_the_protocols_and_the_sensor_it_names() {
+    for name in stems("rig_configs") {
+        let setup = config::load(&rig(&name), None, &[]).unwrap_or_else(|e| panic!("{name}: {e}"));
+        for mover in setup.rig.devices.values() {
+            assert!(setup.protocols.contains_key(&mover.protocol), "{name}: {}", mover.protocol);
+        }
+        assert_eq!(setup.sensor.is_none(), setup.rig.is_virtual(), "{name}");
+    }
+}
+
+#[test]
+fn every_shipped_plan_runs_on_the_virtual_bench_and_is_counted() {
+    let counts = [("press", 2079), ("slip", 48), ("rotate", 60), ("small", 4)];
+    assert_eq!(stems("rig_configs/plans"), counts.iter().map(|(n, _)| (*n).to_owned()).collect());
+    for (name, captures) in counts {
+        let setup = load("virtual", name, &[]).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert!(setup.rig.is_virtual());
+        assert_eq!(setup.plan.as_ref().unwrap().trajectory.captures.len(), captures, "{name}");
+        let report = config::CheckReport::new(&setup);
+        assert!(report.to_string().lines().any(|l| l == format!("captures: {captures}")), "{report}");
+        assert_eq!(serde_json::to_value(&report).unwrap()["plan"]["captures"], captures);
+    }
+}
+
+#[test]
+fn the_real_benches_do_the_plans_they_are_made_for() {
+    let press = load("gelsight_printer", "press", &[]).unwrap_or_else(|e| panic!("{e}"));
+    assert!(!press.rig.is_virtual());
+    assert_eq!(press.plan.unwrap().indenters.len(), 21);
+    for name in ["slip", "rotate"] {
+        load("skin_marlin_grbl", name, &[]).unwrap_or_else(|e| panic!("{name}: {e}"));
+    }
+}
+
+#[test]
+fn every_shipped_sensor_and_indenter_is_loaded_through_a_plan() {
+    let indenters: Vec<String> =
+        stems("rig_configs/indenters").iter().map(|n| format!("{{ name = \"{n}\" }}")).collect();
+    for sensor in stems("rig_configs/sensors") {
+        let sets = [
+            format!("plan.sensor={sensor}"),
+            format!("plan.indenters=[{}]", indenters.join(", ")),
+            "plan.locations.columns=1".to_owned(),
+            "plan.locations.rows=1".to_owned(),
+        ];
+        let setup = config::load(&rig("virtual"), Some(&plan("press")), &sets)
+            .unwrap_or_else(|e| panic!("{sensor}: {e}"));
+        assert_eq!(setup.sensor.unwrap().name, sensor);
+        assert_eq!(setup.plan.unwrap().indenters.len(), indenters.len());
+    }
+}
+
+#[test]
+fn a_virtual_camera_takes_the_raster_of_the_sensor() {
+    let size = |plan: &str| {
+        let setup = load("virtual", plan, &[]).unwrap();
+        (setup.rig.camera.width, setup.rig.camera.height)
+    };
+    assert_eq!((size("slip"), size("press")), ((480, 480), (640, 480)));
+}
+
+#[test]
+fn every_override_of_the_conventions_reaches_its_setting() {
+    let setup = load(
+        "virtual",
+        "slip",
+        &[
+            "elastomer.mode=quasi_static",
+            "elastomer.law=fixed_corotated",
+            "elastomer.youngs_modulus_mpa=0.2",
+            "elastomer.poisson_ratio=0.4",
+            "elastomer.friction=infinite",
+            "elastomer.tolerance=0.02",
+            "optics.mode=fast",
+            "twin.poses=measured",
+            "plan.slide.distance_mm=2",
+            "plan.indenters[3].edge_round_mm=0.1",
+            "sensor.pad.thickness_mm=5",
+            "virtual.contact_offset_mm=-0.1",
+            "devices.arm.axes.z.max_feed=9",
+        ],
+    )
+    .unwrap_or_else(|e| panic!("{e}"));
+    use twinrig::elastomer::{Friction, Law, Mode};
+    let elastomer = &setup.rig.elastomer;
+    assert_eq!(elastomer.mode, Mode::QuasiStatic);
+    assert_eq!(elastomer.law, Some(Law::FixedCorotated));
+    assert_eq!((elastomer.youngs_modulus_mpa, elastomer.poisson_ratio), (Some(0.2), Some(0.4)));
+    assert_eq!((elastomer.friction, elastomer.tolerance), (Friction::Infinite, 0.02));
+    assert_eq!(setup.rig.optics.mode, config::OpticsMode::Fast);
+    assert_eq!(setup.rig.twin.poses, config::TwinPoses::Measured);
+    assert_eq!(setup.rig.world.unwrap().contact_offset_mm, -0.1);
+    assert_eq!(setup.rig.devices["arm"].axes["z"].max_feed, 9.0);
+    assert_eq!(setup.sensor.as_ref().unwrap().pad.thickness_mm, 5.0);
+    let plan = setup.plan.as_ref().unwrap();
+    assert_eq!(plan.trajectory.captures.len(), 4 * 2 * 3);
+    assert_eq!(plan.indenters["sphere"].edge_round_mm, 0.1);
+    // A friction of 0 is a number, and frictionless.
+    let frictionless = load("virtual", "slip", &["elastomer.friction=0"]).unwrap();
+    assert_eq!(frictionless.rig.elastomer.friction, Friction::Coefficient(0.0));
+    assert_ne!(frictionless.hash(), setup.hash());
+}
+
+#[test]
+fn shipped_files_are_found_from_anywhere_and_own_files_come_first() {
+    let elsewhere = tempfile::tempdir().unwrap();
+    let slip = config::load(Path::new("virtual"), Some(Path::new("slip.toml")), &[]).unwrap();
+    assert_eq!(slip.plan.unwrap().trajectory.captures.len(), 48);
+
+    // A copy of the rig with a sphere of its own beside it.
+    std::fs::copy(rig("virtual"), elsewhere.path().join("mine.toml")).unwrap();
+    std::fs::create_dir(elsewhere.path().join("indenters")).unwrap();
+    let own = "[shape]\nkind = \"dome\"\nradius_mm = 2.0\ndiameter_mm = 4.0\n";
+    std::fs::write(elsewhere.path().join("indenters/sphere.toml"), own).unwrap();
+    let mine = elsewhere.path().join("mine.toml");
+    let setup = config::load(&mine, Some(Path::new("small")), &[]).unwrap_or_else(|e| panic!("{e}"));
+    let sphere = setup.sources.iter().find(|s| s.kind == Kind::Indenter).unwrap();
+    assert_eq!(sphere.text, own);
+    assert_eq!(sphere.blake3, blake3::hash(own.as_bytes()).to_hex().to_string());
+    let marlin = setup.sources.iter().find(|s| s.kind == Kind::Protocol && s.name == "marlin").unwrap();
+    assert!(!marlin.text.is_empty());
+}
+
+#[test]
+fn files_that_are_not_there_are_named_both() {
+    let error = config::load(Path::new("rig_configs/virtul.toml"), Some(Path::new("no/where.toml")), &[]);
+    let said = error.unwrap_err().to_string();
+    assert!(said.contains("rig_configs/virtul.toml: there is no such file"), "{said}");
+    assert!(said.contains("did you mean rig_configs/virtual.toml?"), "{said}");
+    assert!(said.contains("no/where.toml: there is no such file"), "{said}");
+}
+
+/// Loads every folder of `tests/bad_configs/`: `rig.toml` and `plan.toml` (the virtual bench and the
+/// small plan where absent), `sets.txt` with one override a line. What is said must be
+/// `expected.txt`, written anew where TWINRIG_ACCEPT is set.
+#[test]
+fn bad_files_are_refused_with_the_message_on_record() {
+    let folder = root().join("tests/bad_configs");
+    let mut cases: Vec<PathBuf> = std::fs::read_dir(&folder).unwrap().map(|e| e.unwrap().path()).collect();
+    cases.sort();
+    assert!(cases.len() >= 20, "{} fixtures", cases.len());
+    let mut wrong = Vec::new();
+    for case in cases.iter().filter(|c| c.is_dir()) {
+        let own = |name: &str, shipped: PathBuf| {
+            let path = case.join(name);
+            if path.exists() { path } else { shipped }
+        };
+        let sets: Vec<String> = std::fs::read_to_string(case.join("sets.txt"))
+            .map(|text| text.lines().map(str::to_owned).collect())
+            .unwrap_or_default();
+        let (rig, plan) = (own("rig.toml", rig("virtual")), own("plan.toml", plan("small")));
+        let said = match config::load(&rig, Some(&plan), &sets) {
+            Ok(_) => "accepted\n".to_owned(),
+            Err(error) => format!("{error}\n").replace(&format!("{}/", root().display()), ""),
+        };
+        let expected = case.join("expected.txt");
+        if std::env::var_os("TWINRIG_ACCEPT").is_some() {
+            std::fs::write(&expected, &said).unwrap();
+        }
+        assert_ne!(said, "accepted\n", "{} must be refused", case.display());
+        if std::fs::read_to_string(&expected).unwrap_or_default() != said {
+            wrong.push(format!("{}:\n{said}", case.display()));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}

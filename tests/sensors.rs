@@ -1,0 +1,56 @@
+//! Every shipped sensor file is loaded, checked and seen.
+
+use serde::Deserialize;
+use twinrig::optics::{DisplacedSurface, SensorOptics, imager, reference};
+use twinrig::{elastomer, problem::Problems};
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SensorFile {
+    schema: u32,
+    name: String,
+    pad: elastomer::Pad,
+    optics: SensorOptics,
+}
+
+#[test]
+fn shipped_sensors_load_pass_their_checks_and_see_all_of_their_pad() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors");
+    let mut seen = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let file: SensorFile = toml::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        assert_eq!(file.schema, 1);
+        assert_eq!(Some(file.name.as_str()), path.file_stem().and_then(|s| s.to_str()));
+        let mut problems = Problems::new();
+        file.optics.check(&mut problems);
+        assert_eq!(problems.into_vec(), Vec::new(), "{}", path.display());
+
+        // A small raster of the same view.
+        let mut optics = file.optics;
+        optics.camera.width_px /= 10;
+        optics.camera.height_px /= 10;
+        optics.camera.mm_per_px *= 10.0;
+        let rest = DisplacedSurface::flat(41, 41, [file.pad.size_x_mm, file.pad.size_y_mm]);
+        let settings = reference::Settings { samples: 8, seed: 0 };
+        let picture = imager::Imager::new(&optics, settings, None, &rest).unwrap().picture(&rest, 0).unwrap();
+        assert!(picture.depth_mm.iter().all(|z| z.is_finite()), "{} sees past its pad", path.display());
+        assert!(picture.rgb.iter().all(|&c| c > 20), "{} is dark somewhere", path.display());
+        seen += 1;
+    }
+    assert!(seen >= 2);
+}
+
+#[test]
+fn a_typo_and_a_light_outside_are_told_with_their_keys() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors/gelsight.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let typo = toml::from_str::<SensorFile>(&text.replace("mm_per_px", "mm_per_pixel"));
+    assert!(typo.err().unwrap().to_string().contains("mm_per_pixel"));
+    let bad = text.replace("[-9.999, 0.0, -2.5]", "[-9.999, 0.0, 2.5]").replace("0.028125", "0.05");
+    let file: SensorFile = toml::from_str(&bad).unwrap();
+    let mut problems = Problems::new();
+    file.optics.check(&mut problems);
+    let keys: Vec<String> = problems.into_vec().into_iter().map(|p| p.key).collect();
+    assert_eq!(keys, ["housing.x_mm", "housing.y_mm", "lights[0].shape.center_mm"]);
+}
