@@ -14,7 +14,7 @@ use super::update::{Exchange, Update};
 use crate::elastomer::settings::Base;
 use crate::pose::Pose;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Space around the pad into which its material may move, as a part of its thickness.
 const MARGIN_PER_THICKNESS: f64 = 1.0;
@@ -68,14 +68,25 @@ impl Body {
         let mut body = Self::empty(scheme, base, isa);
         // Columns of z: neighbours in a batch then share rows of the grid exactly or not at all. Along x
         // their rows would overlap in part, and a load that overlaps a recent store in part has to wait for it.
-        let lattice = (0..nx).flat_map(|i| (0..ny).flat_map(move |j| (0..nz).map(move |k| (i, j, k))));
-        let particles: Vec<Moving> = lattice
-            .map(|(i, j, k)| {
-                let id = ((k * ny + j) * nx + i) as u32;
-                body.at_rest(body.scheme.rest_position_mm(i, j, k), id, k < held_layers)
-            })
-            .collect();
-        body.fill(&particles);
+        let slab = |body: &Self, i: usize| -> Vec<Moving> {
+            let lattice = (0..ny).flat_map(|j| (0..nz).map(move |k| (j, k)));
+            lattice
+                .map(|(j, k)| {
+                    let id = ((k * ny + j) * nx + i) as u32;
+                    body.at_rest(body.scheme.rest_position_mm(i, j, k), id, k < held_layers)
+                })
+                .collect()
+        };
+        // Slab by slab, so that the whole pad never exists twice.
+        let mut blocks = BTreeSet::new();
+        for i in 0..nx {
+            blocks.extend(slab(&body, i).iter().map(|m| home(m.particle.cell).0));
+        }
+        body.activate(blocks.into_iter().map(|block| (block, Bin::default(), None)).collect());
+        for i in 0..nx {
+            let particles = slab(&body, i);
+            body.put(&particles);
+        }
         body
     }
 
@@ -109,10 +120,13 @@ impl Body {
 
     /// Puts the first particles into an empty body.
     pub fn fill(&mut self, particles: &[Moving]) {
-        let mut blocks: Vec<[i32; 3]> = particles.iter().map(|m| home(m.particle.cell).0).collect();
-        blocks.sort_unstable();
-        blocks.dedup();
+        let blocks: BTreeSet<[i32; 3]> = particles.iter().map(|m| home(m.particle.cell).0).collect();
         self.activate(blocks.into_iter().map(|block| (block, Bin::default(), None)).collect());
+        self.put(particles);
+    }
+
+    /// Adds undeformed particles to blocks that are active.
+    fn put(&mut self, particles: &[Moving]) {
         let mut arrivals: BTreeMap<usize, Vec<(Moving, u16)>> = BTreeMap::new();
         for m in particles {
             let (block, node) = home(m.particle.cell);
@@ -213,10 +227,15 @@ impl Body {
             .par_iter_mut()
             .zip(&mut self.tiles)
             .zip(&self.grid.places)
-            .map(|((bin, tile), place)| match tile {
-                Some(tile) => isa.run(Pass { place, nodes, bin, tile, elastic, base, advance }),
-                None => Report::default(),
-            })
+            .map_init(
+                || Box::new(Tile::zero()),
+                |velocities, ((bin, tile), place)| match tile {
+                    Some(tile) => {
+                        isa.run(Pass { place, nodes, bin, tile, velocities, elastic, base, advance })
+                    }
+                    None => Report::default(),
+                },
+            )
             .collect();
         let first = |which: fn(&Report) -> Option<u32>| reports.iter().filter_map(which).min();
         for (particle, what) in [(first(|r| r.runaway), RUNAWAY), (first(|r| r.crushed), CRUSHED)] {

@@ -1,15 +1,15 @@
 //! The sparse grid: which blocks of cells exist, and the memory of their nodes.
 //!
-//! Space is cut into blocks of 4 x 4 x 4 cells ([`BLOCK`]). A block is *active* when it or one of its 26 neighbours
+//! Space is cut into blocks of 4 x 8 x 8 cells ([`BLOCK`]). A block is *active* when it or one of its 26 neighbours
 //! holds particles; only active blocks have memory, and nothing else is ever cleared or visited.
 //!
 //! A particle touches the 3 x 3 x 3 nodes from the lower corner of its stencil, so the particles of a block
-//! touch a *tile* of 6 x 6 x 6 nodes: the block's own 64 and a rim that belongs to the upper neighbours.
+//! touch a *tile* of 6 x 10 x 10 nodes: the block's own 256 and a rim that belongs to the upper neighbours.
 //! Every block scatters into its own tile; afterwards each block sums its nodes from its own
 //! tile and those of its seven lower neighbours, always in the same order. So no two threads write the
 //! same node, no atomics are needed, and the sum does not depend on the number of threads.
 //!
-//! A node takes 16 bytes, the tiles 54 bytes more per node.
+//! A node takes 16 bytes, the tiles 38 bytes more per node of an occupied block.
 
 use super::lanes::Row;
 
@@ -29,7 +29,7 @@ pub const NONE: u32 = u32::MAX;
 /// Rows of sixteen floats in a tile; four nodes a row, with room for a read past the last node.
 const TILE_ROWS: usize = (TILE_LAYER * TILE[2] + 4).div_ceil(4);
 
-/// Mass and momentum (or mass and velocity) on 6 x 6 x 6 nodes: x, y, z, mass.
+/// Mass and momentum (or mass and velocity) on the nodes of a tile: x, y, z, mass.
 #[derive(Debug, Clone)]
 #[repr(C, align(64))]
 pub struct Tile(pub [Row; TILE_ROWS]);

@@ -65,6 +65,8 @@ pub struct Pass<'a> {
     pub bin: &'a mut Bin,
     /// Where their momentum goes; cleared first.
     pub tile: &'a mut Tile,
+    /// Room for the velocities that they see; what it holds before and after means nothing.
+    pub velocities: &'a mut Tile,
     /// Material.
     pub elastic: Elastic,
     /// How held particles are held.
@@ -236,7 +238,7 @@ struct Moved {
 struct Walk<'a, L> {
     x: AlongX<L>,
     place: &'a Place,
-    velocities: Tile,
+    velocities: &'a Tile,
     base: Base,
     advance: bool,
     speed_squared: L,
@@ -378,19 +380,19 @@ impl Kernel for Pass<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) -> Report {
-        let Pass { place, nodes, bin, tile, elastic, base, advance } = self;
+        let Pass { place, nodes, bin, tile, velocities, elastic, base, advance } = self;
+        load_tile::<L>(place, nodes, velocities);
+        tile.0.fill(Row::ZERO);
         let mut walk = Walk {
             x: AlongX::<L>::in_registers(),
             place,
-            velocities: Tile::zero(),
+            velocities,
             base,
             advance,
             speed_squared: L::fill(0.0),
             leaving: Vec::new(),
             report: Report::default(),
         };
-        load_tile::<L>(place, nodes, &mut walk.velocities);
-        tile.0.fill(Row::ZERO);
         for (p, pair) in bin.batches.chunks_mut(2).enumerate() {
             // The next two batches lie behind these.
             let next = pair.as_ptr_range().end.cast::<Row>();
