@@ -11,8 +11,8 @@ mod capture;
 mod check;
 mod collect;
 mod devices;
-mod dry_run;
 mod drive;
+mod dry_run;
 mod emulate;
 mod home;
 mod move_to;
@@ -29,9 +29,11 @@ use std::process::ExitCode;
 /// Collects paired real and simulated tactile images: drives the bench, runs the twin, stores both.
 #[derive(Debug, Parser)]
 #[command(name = "twinrig", version, propagate_version = true, arg_required_else_help = true)]
-#[command(after_help = "Try it without hardware:\n  twinrig collect rig_configs/virtual.toml rig_configs/plans/small.toml --out data/try\n\n\
+#[command(
+    after_help = "Try it without hardware:\n  twinrig collect rig_configs/virtual.toml rig_configs/plans/small.toml --out data/try\n\n\
 Exit codes: 0 done, 1 failed (resume continues), 2 refused (nothing touched), 130/143 stopped by a signal, 131 stopped twice.\n\
-Logging: TWINRIG_LOG=debug shows every command sent; NO_COLOR turns colours off.")]
+Logging: TWINRIG_LOG=debug shows every command sent; NO_COLOR turns colours off."
+)]
 struct Cli {
     #[command(subcommand)]
     command: Command,

@@ -103,7 +103,9 @@ pub enum CollectionError {
     #[error(transparent)]
     Image(#[from] crate::image::Error),
     /// A part of the program ended without an answer.
-    #[error("the {part} ended unexpectedly; this is a defect of the program: please report it with the log (TWINRIG_LOG=debug)")]
+    #[error(
+        "the {part} ended unexpectedly; this is a defect of the program: please report it with the log (TWINRIG_LOG=debug)"
+    )]
     Vanished {
         /// Which.
         part: &'static str,
@@ -170,7 +172,9 @@ impl Collection<'_> {
         stopped_twin.abort();
         let stopped = self.stop.is_raised();
         match (bench, simulated) {
-            (Err(CollectionError::Session(e)), _) if e.is_stop() => Ok(Ending { not_simulated: Vec::new(), stopped: true }),
+            (Err(CollectionError::Session(e)), _) if e.is_stop() => {
+                Ok(Ending { not_simulated: Vec::new(), stopped: true })
+            }
             (Err(e), _) | (_, Err(e)) => Err(e),
             (Ok(()), Ok(not_simulated)) => Ok(Ending { not_simulated, stopped }),
         }

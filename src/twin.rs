@@ -61,7 +61,12 @@ impl Twin {
     }
 
     /// The picture of a deformed pad; `capture` numbers it, so that each has its own noise.
-    pub fn picture(&self, pad: &ElastomerCapture, wear: &Wear, capture: u32) -> Result<Picture, optics::Error> {
+    pub fn picture(
+        &self,
+        pad: &ElastomerCapture,
+        wear: &Wear,
+        capture: u32,
+    ) -> Result<Picture, optics::Error> {
         self.view.picture(pad, wear, capture)
     }
 

@@ -45,7 +45,9 @@ pub enum BenchError {
     #[error(transparent)]
     Camera(#[from] CameraError),
     /// The protocol has no emulator.
-    #[error("device {device}: protocol {protocol} has no [emulator] table, so it has no virtual port; give a real port or add the table")]
+    #[error(
+        "device {device}: protocol {protocol} has no [emulator] table, so it has no virtual port; give a real port or add the table"
+    )]
     NoEmulator {
         /// Device of the rig file.
         device: String,
@@ -130,7 +132,11 @@ pub async fn bench(setup: &Setup, options: &BenchOptions, stop: StopSwitch) -> R
         stop.register(
             device,
             Box::new(move |level| {
-                _ = handle.stop(if level == StopLevel::Emergency { StopKind::Emergency } else { StopKind::Controlled });
+                _ = handle.stop(if level == StopLevel::Emergency {
+                    StopKind::Emergency
+                } else {
+                    StopKind::Controlled
+                });
             }),
         );
         movers.insert(device.clone(), mover);
@@ -151,7 +157,8 @@ async fn connect(
     let failed = |source| BenchError::Port { device: device.to_owned(), source };
     use tokio_serial::SerialPortBuilderExt;
     let PortSettings::Path(path) = port else { unreachable!() };
-    let stream = tokio_serial::new(path, settings.baud.unwrap_or(115_200)).open_native_async().map_err(failed)?;
+    let stream =
+        tokio_serial::new(path, settings.baud.unwrap_or(115_200)).open_native_async().map_err(failed)?;
     let log = match &options.logs {
         None => None,
         Some(folder) => Some(byte_log(folder, device)?),

@@ -23,7 +23,9 @@ pub enum ProvenanceError {
 
 /// Where a dataset collected with this setup comes from.
 pub fn provenance(setup: &Setup) -> Result<Provenance, ProvenanceError> {
-    let (Some(plan), Some(sensor)) = (&setup.plan, &setup.sensor) else { return Err(ProvenanceError::NoPlan) };
+    let (Some(plan), Some(sensor)) = (&setup.plan, &setup.sensor) else {
+        return Err(ProvenanceError::NoPlan);
+    };
     let rig = &setup.rig;
     let text = |kind| setup.source(kind).map(|s| s.text.clone()).unwrap_or_default();
     let splits = plan.plan.split.of_episodes(&plan.trajectory);

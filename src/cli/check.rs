@@ -11,7 +11,9 @@ use std::path::PathBuf;
 
 /// Show what a plan would do, and refuse it if it is unsafe; touches no device
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  twinrig check rig_configs/virtual.toml rig_configs/plans/slip.toml\n  twinrig check rig_configs/virtual.toml --json\n  twinrig check rig_configs/virtual.toml rig_configs/plans/press.toml --set elastomer.tolerance=0.002")]
+#[command(
+    after_help = "Examples:\n  twinrig check rig_configs/virtual.toml rig_configs/plans/slip.toml\n  twinrig check rig_configs/virtual.toml --json\n  twinrig check rig_configs/virtual.toml rig_configs/plans/press.toml --set elastomer.tolerance=0.002"
+)]
 pub struct Args {
     /// Rig file
     rig: PathBuf,

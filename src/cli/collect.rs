@@ -23,7 +23,9 @@ use tokio::sync::mpsc::UnboundedReceiver;
 
 /// Perform a plan, simulate it, and store the paired dataset
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  twinrig collect rig_configs/virtual.toml rig_configs/plans/slip.toml --out data/slip\n  twinrig collect rig_configs/virtual.toml rig_configs/plans/slip.toml --out data/slip --resume\n  twinrig collect rig_configs/gelsight_printer.toml rig_configs/plans/press.toml --out data/press --dry-run")]
+#[command(
+    after_help = "Examples:\n  twinrig collect rig_configs/virtual.toml rig_configs/plans/slip.toml --out data/slip\n  twinrig collect rig_configs/virtual.toml rig_configs/plans/slip.toml --out data/slip --resume\n  twinrig collect rig_configs/gelsight_printer.toml rig_configs/plans/press.toml --out data/press --dry-run"
+)]
 pub struct Args {
     #[command(flatten)]
     pub files: RigAndPlan,
@@ -55,13 +57,14 @@ pub struct Args {
 impl Args {
     /// Runs the subcommand.
     pub async fn run(self) -> Exit {
-        let setup = match crate::config::load(&self.files.rig, Some(&self.files.plan), &self.files.overrides.set) {
-            Ok(setup) => setup,
-            Err(e) => {
-                screen::error(e);
-                return Exit::Refused;
-            }
-        };
+        let setup =
+            match crate::config::load(&self.files.rig, Some(&self.files.plan), &self.files.overrides.set) {
+                Ok(setup) => setup,
+                Err(e) => {
+                    screen::error(e);
+                    return Exit::Refused;
+                }
+            };
         if self.dry_run {
             return super::dry_run::show(&setup, self.json);
         }
@@ -92,7 +95,9 @@ impl Args {
                     return Exit::Refused;
                 }
                 if self.out.join("dataset.json").exists() {
-                    screen::note(format_args!("what was collected is stored; continue with the same command and --resume"));
+                    screen::note(format_args!(
+                        "what was collected is stored; continue with the same command and --resume"
+                    ));
                 }
                 signals.exit().unwrap_or(Exit::Failed)
             }
@@ -118,7 +123,9 @@ impl Args {
             }
             _ if self.sim_only => Dataset::resume(&self.out, &asked)?.0,
             // A run that failed before its first capture leaves a dataset that holds nothing.
-            (false, true) if Dataset::open(&self.out)?.is_untouched() => Dataset::resume(&self.out, &asked)?.0,
+            (false, true) if Dataset::open(&self.out)?.is_untouched() => {
+                Dataset::resume(&self.out, &asked)?.0
+            }
             _ => Dataset::create(&self.out, asked, &plan.trajectory)?,
         };
         let dataset = Arc::new(dataset);
@@ -152,7 +159,8 @@ impl Args {
                 events,
             };
             let part = SessionPart { session, events: received, run: assemble::run_notes(&run, setup, plan) };
-            let collection = Collection { dataset: dataset.clone(), session: Some(part), twin, stop, progress };
+            let collection =
+                Collection { dataset: dataset.clone(), session: Some(part), twin, stop, progress };
             let ending = collection.run().await;
             let how = match &ending {
                 Ok(ending) if ending.stopped => "stopped".to_owned(),
@@ -213,7 +221,12 @@ pub(super) fn operator(plan: &PlanSetup, world: Option<World>, yes: bool) -> Ope
 }
 
 /// Shows progress until there is none any more.
-async fn watch(mut progress: UnboundedReceiver<Progress>, captures: u64, real: Option<u64>, sim: Option<u64>) {
+async fn watch(
+    mut progress: UnboundedReceiver<Progress>,
+    captures: u64,
+    real: Option<u64>,
+    sim: Option<u64>,
+) {
     let bars = screen::bars();
     let bar = |label, done: Option<u64>| done.map(|d| screen::bar(&bars, label, captures).with_position(d));
     let (real, sim) = (bar("real", real), bar("simulated", sim));
@@ -263,14 +276,19 @@ struct Summary {
 
 impl Summary {
     fn is_complete(&self) -> bool {
-        (!self.wants_real || self.real == self.captures) && (!self.wants_sim || self.simulated == self.captures)
+        (!self.wants_real || self.real == self.captures)
+            && (!self.wants_sim || self.simulated == self.captures)
     }
 }
 
 impl std::fmt::Display for Summary {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let (dataset, captures) = (self.dataset.display(), self.captures);
-        writeln!(f, "{dataset}: {} real and {} simulated of {captures} captures, {} rows", self.real, self.simulated, self.pairs)?;
+        writeln!(
+            f,
+            "{dataset}: {} real and {} simulated of {captures} captures, {} rows",
+            self.real, self.simulated, self.pairs
+        )?;
         for (captures, why) in &self.not_simulated {
             writeln!(f, "not simulated: captures {captures:?}: {why}")?;
         }
@@ -286,7 +304,9 @@ impl std::fmt::Display for Summary {
 enum CollectError {
     #[error("no plan was given")]
     NoPlan,
-    #[error("{rig} is a real bench and nobody is at the terminal to confirm indenters; mount them and add --yes, or run it in a terminal")]
+    #[error(
+        "{rig} is a real bench and nobody is at the terminal to confirm indenters; mount them and add --yes, or run it in a terminal"
+    )]
     NobodyThere { rig: String },
     #[error(transparent)]
     Dataset(#[from] dataset::Error),
@@ -311,7 +331,10 @@ impl CollectError {
         match self {
             CollectError::NoPlan | CollectError::NobodyThere { .. } | CollectError::Provenance(_) => true,
             CollectError::Dataset(e) => {
-                matches!(e, Belongs { .. } | Exists { .. } | Locked { .. } | Missing { .. } | NotADataset { .. })
+                matches!(
+                    e,
+                    Belongs { .. } | Exists { .. } | Locked { .. } | Missing { .. } | NotADataset { .. }
+                )
             }
             CollectError::Bench(assemble::BenchError::RealTimeOnly { .. }) => true,
             _ => false,

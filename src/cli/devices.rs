@@ -16,5 +16,7 @@ pub struct Args {
 
 impl Args {
     /// Runs the subcommand.
-    pub async fn run(self) -> Exit { Exit::Failed }
+    pub async fn run(self) -> Exit {
+        Exit::Failed
+    }
 }

@@ -15,7 +15,9 @@ use crate::session::{Bench, BenchError, SessionSettings, StopLevel};
 
 /// Perform the motion of a plan, without camera and dataset
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  twinrig drive rig_configs/virtual.toml rig_configs/plans/small.toml --speed 10")]
+#[command(
+    after_help = "Example:\n  twinrig drive rig_configs/virtual.toml rig_configs/plans/small.toml --speed 10"
+)]
 pub struct Args {
     #[command(flatten)]
     pub files: RigAndPlan,
@@ -39,7 +41,9 @@ impl Args {
         };
         let Some(plan) = at.setup.plan.clone() else { return Exit::Refused };
         if !at.setup.rig.is_virtual() && !self.yes && !console::user_attended() {
-            screen::error("this is a real bench and nobody is at the terminal; mount the indenters and add --yes");
+            screen::error(
+                "this is a real bench and nobody is at the terminal; mount the indenters and add --yes",
+            );
             return Exit::Refused;
         }
         let mut operator = super::collect::operator(&plan, at.assembled.world.clone(), self.yes);
@@ -56,7 +60,11 @@ impl Args {
         if self.json {
             screen::json(&reached);
         } else {
-            screen::result(format_args!("{} of {} waypoints reached", reached.len(), plan.trajectory.waypoints.len()));
+            screen::result(format_args!(
+                "{} of {} waypoints reached",
+                reached.len(),
+                plan.trajectory.waypoints.len()
+            ));
         }
         at.finish(driven.and(lifted))
     }

@@ -33,11 +33,18 @@ pub fn show(setup: &Setup, json: bool) -> Exit {
         return Exit::Done;
     }
     screen::result(&report);
-    screen::result("bytes that the moves would send (heights at the nominal contact; homing, polling and touch-off come besides):");
+    screen::result(
+        "bytes that the moves would send (heights at the nominal contact; homing, polling and touch-off come besides):",
+    );
     for s in &sendings {
         let capture = s.capture.map(|c| format!("   capture {c}")).unwrap_or_default();
         for bytes in &s.bytes {
-            screen::result(format_args!("{:>6} {:<8} {:<8} {bytes}{capture}", s.waypoint, name(s.phase), s.device));
+            screen::result(format_args!(
+                "{:>6} {:<8} {:<8} {bytes}{capture}",
+                s.waypoint,
+                name(s.phase),
+                s.device
+            ));
         }
     }
     Exit::Done

@@ -10,7 +10,9 @@ use std::path::PathBuf;
 
 /// Serve a firmware emulator on a pseudo-terminal
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  twinrig emulate marlin --link /tmp/printer\n  twinrig emulate grbl --link /tmp/stage --speed 10\n  twinrig emulate ./my_stage.toml --link /tmp/mine")]
+#[command(
+    after_help = "Examples:\n  twinrig emulate marlin --link /tmp/printer\n  twinrig emulate grbl --link /tmp/stage --speed 10\n  twinrig emulate ./my_stage.toml --link /tmp/mine"
+)]
 pub struct Args {
     /// Name of a shipped protocol, or path of a protocol file
     pub protocol: String,
@@ -23,5 +25,7 @@ pub struct Args {
 
 impl Args {
     /// Runs the subcommand.
-    pub async fn run(self) -> Exit { Exit::Failed }
+    pub async fn run(self) -> Exit {
+        Exit::Failed
+    }
 }

@@ -23,7 +23,8 @@ pub struct Args {
 impl Args {
     /// Runs the subcommand.
     pub async fn run(self) -> Exit {
-        let mut at = match AtBench::open(&self.rig.rig, None, &self.rig.overrides.set, self.speed.speed).await {
+        let mut at = match AtBench::open(&self.rig.rig, None, &self.rig.overrides.set, self.speed.speed).await
+        {
             Ok(at) => at,
             Err(exit) => return exit,
         };

@@ -13,7 +13,9 @@ use crate::session::bench::Feeds;
 
 /// Move to a pose in the pad frame
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  twinrig move rig_configs/virtual.toml --z 5 --home\n  twinrig move rig_configs/virtual.toml --x 1.5 --theta 10 --home")]
+#[command(
+    after_help = "Examples:\n  twinrig move rig_configs/virtual.toml --z 5 --home\n  twinrig move rig_configs/virtual.toml --x 1.5 --theta 10 --home"
+)]
 pub struct Args {
     #[command(flatten)]
     pub rig: RigOptions,
@@ -65,7 +67,8 @@ impl Args {
             ));
             return Exit::Refused;
         }
-        let mut at = match AtBench::open(&self.rig.rig, None, &self.rig.overrides.set, self.speed.speed).await {
+        let mut at = match AtBench::open(&self.rig.rig, None, &self.rig.overrides.set, self.speed.speed).await
+        {
             Ok(at) => at,
             Err(exit) => return exit,
         };

@@ -14,7 +14,9 @@ use std::path::PathBuf;
 
 /// Render a benchmark scene to linear RGB
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  twinrig render tests/data/optics/tactile-bench-1.json --variant Ac --mode reference --spp 64 --size 320x240 --out /tmp/ac.npy --json")]
+#[command(
+    after_help = "Example:\n  twinrig render tests/data/optics/tactile-bench-1.json --variant Ac --mode reference --spp 64 --size 320x240 --out /tmp/ac.npy --json"
+)]
 pub struct Args {
     /// Scene file
     pub scene: PathBuf,
@@ -83,7 +85,11 @@ impl Args {
         };
         let (film, times) = render_file(&self.scene, &request)?;
         if self.out.extension().is_some_and(|e| e == "png") {
-            let failed = |reason: String| Error::File { action: "write", path: self.out.display().to_string(), reason };
+            let failed = |reason: String| Error::File {
+                action: "write",
+                path: self.out.display().to_string(),
+                reason,
+            };
             let rgb = film.to_srgb8(PREVIEW_EXPOSURE);
             let picture = Picture { width: film.width as u32, height: film.height as u32, rgb };
             let bytes = png::encode(&picture).map_err(|e| failed(e.to_string()))?;
@@ -112,7 +118,9 @@ fn parse_variant(text: &str) -> Result<Variant, String> {
         "Ac" => Ok(Variant::Ac),
         "At" => Ok(Variant::At),
         "B" => Ok(Variant::B),
-        other => Err(format!("{other:?} is no variant; choose Ac (constant albedo), At (textured) or B (with the plate)")),
+        other => Err(format!(
+            "{other:?} is no variant; choose Ac (constant albedo), At (textured) or B (with the plate)"
+        )),
     }
 }
 

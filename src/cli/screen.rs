@@ -45,9 +45,8 @@ pub fn bars() -> MultiProgress {
 /// One bar of a group: `label [####    ] 12/48  0:31 left  what`.
 pub fn bar(group: &MultiProgress, label: &'static str, length: u64) -> ProgressBar {
     let template = "{prefix:>10} [{bar:30}] {pos:>4}/{len}  {elapsed} elapsed, {eta} left  {wide_msg}";
-    let style = ProgressStyle::with_template(template)
-        .expect("the template is a constant")
-        .progress_chars("=> ");
+    let style =
+        ProgressStyle::with_template(template).expect("the template is a constant").progress_chars("=> ");
     let bar = group.add(ProgressBar::new(length)).with_style(style).with_prefix(label);
     bar.enable_steady_tick(std::time::Duration::from_millis(250));
     bar

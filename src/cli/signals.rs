@@ -35,7 +35,9 @@ impl Signals {
                 if first {
                     stop.raise(StopLevel::Controlled);
                     received.store(number, Ordering::SeqCst);
-                    super::screen::warning("stopping: motion stops, the arm retracts, the dataset stays consistent (once more to stop at once)");
+                    super::screen::warning(
+                        "stopping: motion stops, the arm retracts, the dataset stays consistent (once more to stop at once)",
+                    );
                     first = false;
                 } else {
                     stop.raise(StopLevel::Emergency);

@@ -25,7 +25,9 @@ use std::time::Instant;
 
 /// Run the twin alone and write surfaces, forces and pictures
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  twinrig simulate rig_configs/virtual.toml rig_configs/plans/slip.toml --out /tmp/slip --surface\n  twinrig simulate rig_configs/virtual.toml rig_configs/plans/small.toml --out /tmp/small --captures 0-2 --set elastomer.mode=quasi_static")]
+#[command(
+    after_help = "Examples:\n  twinrig simulate rig_configs/virtual.toml rig_configs/plans/slip.toml --out /tmp/slip --surface\n  twinrig simulate rig_configs/virtual.toml rig_configs/plans/small.toml --out /tmp/small --captures 0-2 --set elastomer.mode=quasi_static"
+)]
 pub struct Args {
     #[command(flatten)]
     pub files: RigAndPlan,
@@ -52,13 +54,14 @@ pub struct Args {
 impl Args {
     /// Runs the subcommand.
     pub async fn run(self) -> Exit {
-        let setup = match crate::config::load(&self.files.rig, Some(&self.files.plan), &self.files.overrides.set) {
-            Ok(setup) => setup,
-            Err(e) => {
-                screen::error(e);
-                return Exit::Refused;
-            }
-        };
+        let setup =
+            match crate::config::load(&self.files.rig, Some(&self.files.plan), &self.files.overrides.set) {
+                Ok(setup) => setup,
+                Err(e) => {
+                    screen::error(e);
+                    return Exit::Refused;
+                }
+            };
         let stop = StopSwitch::new();
         let signals = match Signals::listen(stop.clone()) {
             Ok(signals) => signals,
@@ -148,9 +151,15 @@ impl Args {
                                 write(self.out.join(format!("surface/{capture:06}.npy")), bytes)?;
                             }
                             if let Some(picture) = &picture {
-                                write(self.out.join(format!("sim/{capture:06}.png")), png::encode(&picture.image)?)?;
+                                write(
+                                    self.out.join(format!("sim/{capture:06}.png")),
+                                    png::encode(&picture.image)?,
+                                )?;
                                 let (w, h) = (picture.image.width, picture.image.height);
-                                write(self.out.join(format!("depth/{capture:06}.tiff")), depth::encode(w, h, &picture.depth_mm)?)?;
+                                write(
+                                    self.out.join(format!("depth/{capture:06}.tiff")),
+                                    depth::encode(w, h, &picture.depth_mm)?,
+                                )?;
                             }
                             lines.insert(*capture, line(trajectory, *capture, &deformed, picture.as_ref()));
                             bar.inc(1);

@@ -56,7 +56,13 @@ impl Recorder {
         Ok(())
     }
 
-    fn store_background(&self, indenter: &str, number: u32, frame: &Frame, drift_rms: f64) -> Result<(), CollectionError> {
+    fn store_background(
+        &self,
+        indenter: &str,
+        number: u32,
+        frame: &Frame,
+        drift_rms: f64,
+    ) -> Result<(), CollectionError> {
         let bytes = png(frame)?;
         if self.background.borrow().is_none() {
             self.dataset.put_background(BACKGROUND, &bytes)?;
@@ -108,7 +114,10 @@ impl Recorder {
         self.tell(Progress::Real { capture: c.capture });
         if c.departed {
             let (to, at) = (c.commanded, c.measured);
-            self.note(format!("capture {}: measured ({at}) departs from commanded ({to}); the row is flagged", c.capture));
+            self.note(format!(
+                "capture {}: measured ({at}) departs from commanded ({to}); the row is flagged",
+                c.capture
+            ));
         }
         Ok(())
     }

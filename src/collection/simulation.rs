@@ -71,7 +71,8 @@ impl Simulation {
         let trajectory = self.dataset.trajectory();
         let mut not_simulated = Vec::new();
         for (index, episode) in trajectory.episodes.iter().enumerate() {
-            let captures: Vec<u32> = trajectory.waypoints_of(index as u32).iter().filter_map(|w| w.capture).collect();
+            let captures: Vec<u32> =
+                trajectory.waypoints_of(index as u32).iter().filter_map(|w| w.capture).collect();
             let due: BTreeSet<u32> = captures.iter().copied().filter(|c| wanted.contains(c)).collect();
             while !captures.iter().all(|c| self.measured.borrow().contains(c)) {
                 if self.alone || self.ended(&self.measured) {
@@ -92,13 +93,19 @@ impl Simulation {
         Ok(not_simulated)
     }
 
-    fn walk(&self, roots: &[crate::twin::branches::Root], wear: &Wear) -> Result<NotSimulated, CollectionError> {
+    fn walk(
+        &self,
+        roots: &[crate::twin::branches::Root],
+        wear: &Wear,
+    ) -> Result<NotSimulated, CollectionError> {
         let mut not_simulated = Vec::new();
         let mut failure = None;
         let mut emit = |outcome: Outcome| match outcome {
             Outcome::Failed { captures, error } => {
                 let why = error.to_string();
-                let _ = self.progress.send(Progress::NotSimulated { captures: captures.clone(), why: why.clone() });
+                let _ = self
+                    .progress
+                    .send(Progress::NotSimulated { captures: captures.clone(), why: why.clone() });
                 not_simulated.push((captures, why));
                 true
             }

@@ -14,17 +14,15 @@
 //! It knows no pose, no other device and no plan; interlocks between devices are the session's.
 
 mod error;
-mod travel;
 #[cfg(test)]
 mod tests;
+mod travel;
 
 use super::link::{Link, LinkOptions, StopHandle};
 use super::settings::{AxisSettings, MoverSettings};
 use crate::clock::{Clock, Timestamp};
 use crate::motion::AxisLimits;
-use crate::protocol::{
-    AxisWire, Engine, Failure, Outcome, Pattern, Request, Spec, StopKind, Which,
-};
+use crate::protocol::{AxisWire, Engine, Failure, Outcome, Pattern, Request, Spec, StopKind, Which};
 use crate::units::Steps;
 pub use error::MoverError;
 use std::collections::BTreeMap;
@@ -137,10 +135,10 @@ impl Mover {
             words.extend(["data", "text"].iter().map(|f| reply.text(f)).filter(|t| !t.is_empty()));
         }
         let rig = match &self.settings.identity {
-            Some(text) => Some(Pattern::new(text).map_err(|reason| MoverError::IdentityPattern {
-                pattern: text.clone(),
-                reason,
-            })?),
+            Some(text) => Some(
+                Pattern::new(text)
+                    .map_err(|reason| MoverError::IdentityPattern { pattern: text.clone(), reason })?,
+            ),
             None => None,
         };
         for pattern in [self.spec.protocol.firmware_match.as_ref(), rig.as_ref()].into_iter().flatten() {
@@ -150,7 +148,12 @@ impl Mover {
             }
         }
         let mut said: Vec<String> = self.link.telemetry().banner.into_iter().collect();
-        said.extend(replies.into_iter().filter(|r| r.role != crate::protocol::spec::Role::Ack || r.class == "reply").map(|r| r.raw));
+        said.extend(
+            replies
+                .into_iter()
+                .filter(|r| r.role != crate::protocol::spec::Role::Ack || r.class == "reply")
+                .map(|r| r.raw),
+        );
         let identity = said.join("; ");
         self.identity = Some(identity.clone());
         Ok(identity)
@@ -182,7 +185,9 @@ impl Mover {
         match self.homed_at_loss {
             _ if self.homing => Reference::Homing,
             None => Reference::Unknown,
-            Some(count) if count == telemetry.trust_losses && telemetry.ended.is_none() => Reference::Referenced,
+            Some(count) if count == telemetry.trust_losses && telemetry.ended.is_none() => {
+                Reference::Referenced
+            }
             Some(_) => Reference::Suspect,
         }
     }
@@ -223,7 +228,12 @@ impl Mover {
         let mut all = Vec::new();
         for (axis, reading) in self.names.iter().zip(&telemetry.positions) {
             let reading = reading.ok_or_else(|| MoverError::NoPosition { axis: axis.clone() })?;
-            all.push(Measured { axis: axis.clone(), position: reading.value, counts: reading.counts, at: reading.at });
+            all.push(Measured {
+                axis: axis.clone(),
+                position: reading.value,
+                counts: reading.counts,
+                at: reading.at,
+            });
         }
         Ok(all)
     }
@@ -259,10 +269,8 @@ impl Mover {
     /// The axis of that name and its index.
     fn axis(&self, name: &str) -> Result<(usize, &AxisSettings), MoverError> {
         let at = self.names.iter().position(|n| n == name);
-        at.and_then(|i| Some((i, self.settings.axes.get(name)?))).ok_or_else(|| MoverError::UnknownAxis {
-            axis: name.to_owned(),
-            known: self.names.join(", "),
-        })
+        at.and_then(|i| Some((i, self.settings.axes.get(name)?)))
+            .ok_or_else(|| MoverError::UnknownAxis { axis: name.to_owned(), known: self.names.join(", ") })
     }
 
     /// Limits of all axes by name.

@@ -690,13 +690,8 @@ impl Engine {
         let code = reply.text("code");
         let told = [reply.text("title"), reply.text("text")];
         let text = told.iter().filter(|t| !t.is_empty()).cloned().collect::<Vec<_>>().join(": ");
-        let unknown = Fault {
-            text: text.clone(),
-            class: FaultClass::Usage,
-            trust,
-            mutes: false,
-            recover: None,
-        };
+        let unknown =
+            Fault { text: text.clone(), class: FaultClass::Usage, trust, mutes: false, recover: None };
         table.entry(code).or_insert(unknown).text = text;
     }
 

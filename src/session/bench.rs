@@ -52,7 +52,9 @@ pub enum BenchError {
     #[error("stopped")]
     Stopped,
     /// The picture does not come to rest.
-    #[error("the picture is not still: consecutive frames differ by {rms:.2} code values after {waited:?}, allowed {allowed}; look for vibration or flicker, or raise session.still_rms")]
+    #[error(
+        "the picture is not still: consecutive frames differ by {rms:.2} code values after {waited:?}, allowed {allowed}; look for vibration or flicker, or raise session.still_rms"
+    )]
     NotStill {
         /// Difference of the last two frames.
         rms: f64,
@@ -62,7 +64,9 @@ pub enum BenchError {
         waited: Duration,
     },
     /// A move would drag the indenter through the pad.
-    #[error("a move from ({from}) to ({to}) would go sideways and down at once below the surface; retract first")]
+    #[error(
+        "a move from ({from}) to ({to}) would go sideways and down at once below the surface; retract first"
+    )]
     Drag {
         /// Present pose.
         from: Pose,
@@ -70,7 +74,9 @@ pub enum BenchError {
         to: Pose,
     },
     /// No axis provides a coordinate that must change.
-    #[error("this rig has no axis for {coordinate}; the pose ({to}) needs it: add motion.{coordinate} to the rig file or choose another plan")]
+    #[error(
+        "this rig has no axis for {coordinate}; the pose ({to}) needs it: add motion.{coordinate} to the rig file or choose another plan"
+    )]
     NoAxis {
         /// The missing coordinate.
         coordinate: &'static str,
@@ -214,7 +220,11 @@ impl Bench {
     }
 
     /// A frame exposed after now that agrees with the one after it, and how much the two differ.
-    pub async fn still_frame(&mut self, allowed_rms: f64, within: Duration) -> Result<(Frame, f64), BenchError> {
+    pub async fn still_frame(
+        &mut self,
+        allowed_rms: f64,
+        within: Duration,
+    ) -> Result<(Frame, f64), BenchError> {
         let begun = self.clock.now();
         let mut before = self.fresh_frame(within).await?;
         loop {

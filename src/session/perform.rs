@@ -43,7 +43,10 @@ impl SessionSettings {
     /// How fast to go to a waypoint: its own feeds, or those of travel where it has none.
     pub fn feeds(&self, waypoint: &Waypoint) -> Feeds {
         let or = |own: f64, travel: f64| if own > 0.0 { own } else { travel };
-        Feeds { mm_s: or(waypoint.feed_mm_s, self.travel.mm_s), deg_s: or(waypoint.feed_deg_s, self.travel.deg_s) }
+        Feeds {
+            mm_s: or(waypoint.feed_mm_s, self.travel.mm_s),
+            deg_s: or(waypoint.feed_deg_s, self.travel.deg_s),
+        }
     }
 }
 
@@ -125,7 +128,11 @@ impl Session<'_> {
         }
         self.bench.lift(self.settings.clearance_mm, self.settings.travel.mm_s).await?;
         for _ in 0..self.settings.warmup_frames {
-            self.bench.camera.frame_after(self.bench.clock.now(), self.settings.frame_within).await.map_err(BenchError::from)?;
+            self.bench
+                .camera
+                .frame_after(self.bench.clock.now(), self.settings.frame_within)
+                .await
+                .map_err(BenchError::from)?;
         }
 
         let mut mounted: Option<String> = None;
@@ -166,7 +173,11 @@ impl Session<'_> {
         Ok(())
     }
 
-    async fn take_background(&mut self, indenter: &str, backgrounds: &mut Backgrounds) -> Result<(), SessionError> {
+    async fn take_background(
+        &mut self,
+        indenter: &str,
+        backgrounds: &mut Backgrounds,
+    ) -> Result<(), SessionError> {
         self.bench.lift(self.settings.clearance_mm, self.settings.travel.mm_s).await?;
         let (frame, _) = self.bench.still_frame(self.settings.still_rms, self.settings.frame_within).await?;
         let first = backgrounds.first.get_or_insert_with(|| frame.clone());
@@ -177,7 +188,12 @@ impl Session<'_> {
         self.tell(Event::Background { indenter: indenter.to_owned(), number, frame, drift_rms }).await
     }
 
-    async fn contact_zero(&mut self, episode: u32, indenter: &str, backgrounds: &Backgrounds) -> Result<f64, SessionError> {
+    async fn contact_zero(
+        &mut self,
+        episode: u32,
+        indenter: &str,
+        backgrounds: &Backgrounds,
+    ) -> Result<f64, SessionError> {
         if let Some(zero_mm) = self.contact_zero_mm.get(indenter) {
             return Ok(*zero_mm);
         }
@@ -195,9 +211,16 @@ impl Session<'_> {
         Ok(contact_zero_mm)
     }
 
-    async fn capture(&mut self, capture: u32, commanded: &Pose, zero_mm: f64, backgrounds: &Backgrounds) -> Result<(), SessionError> {
+    async fn capture(
+        &mut self,
+        capture: u32,
+        commanded: &Pose,
+        zero_mm: f64,
+        backgrounds: &Backgrounds,
+    ) -> Result<(), SessionError> {
         let settled_at = self.bench.clock.now();
-        let (frame, still_rms) = self.bench.still_frame(self.settings.still_rms, self.settings.frame_within).await?;
+        let (frame, still_rms) =
+            self.bench.still_frame(self.settings.still_rms, self.settings.frame_within).await?;
         let settle = frame.stamp.exposed_at.since(settled_at);
         let (at, positions) = self.bench.measured().await?;
         let measured = Pose { z_mm: at.z_mm - zero_mm, ..at };
@@ -225,7 +248,9 @@ impl Session<'_> {
     /// Lifts the arm if its position can be trusted; says so when it could not.
     async fn retract(&mut self) -> Result<(), SessionError> {
         if !self.bench.may_retract() {
-            tracing::warn!("the arm's position is not known, so it stays where it is; home the rig before anything else");
+            tracing::warn!(
+                "the arm's position is not known, so it stays where it is; home the rig before anything else"
+            );
             return Ok(());
         }
         self.bench.lift(self.settings.clearance_mm, self.settings.travel.mm_s).await?;

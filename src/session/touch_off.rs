@@ -44,7 +44,9 @@ pub enum TouchOffError {
     #[error(transparent)]
     Bench(#[from] BenchError),
     /// Nothing changed on the whole way down.
-    #[error("no contact seen down to {deepest_mm:.3} mm below the nominal contact (largest change {change:.2} of {threshold} code values); check that the indenter is mounted over the pad, correct motion.z.origin, or raise contact.max_depth_mm")]
+    #[error(
+        "no contact seen down to {deepest_mm:.3} mm below the nominal contact (largest change {change:.2} of {threshold} code values); check that the indenter is mounted over the pad, correct motion.z.origin, or raise contact.max_depth_mm"
+    )]
     NotFound {
         /// Deepest position looked at.
         deepest_mm: f64,
@@ -54,7 +56,9 @@ pub enum TouchOffError {
         threshold: f64,
     },
     /// The picture differed before the descent began.
-    #[error("the picture differs from the background by {change:.2} code values (threshold {threshold}) before the descent, {height_mm:.3} mm above the nominal contact; the indenter already touches, or the light changed: raise contact.start_mm or take a new background")]
+    #[error(
+        "the picture differs from the background by {change:.2} code values (threshold {threshold}) before the descent, {height_mm:.3} mm above the nominal contact; the indenter already touches, or the light changed: raise contact.start_mm or take a new background"
+    )]
     AlreadyDifferent {
         /// Change seen.
         change: f64,
@@ -88,7 +92,8 @@ pub async fn find_contact(
     }
 
     // Coarse descent, then again from one step higher in fine steps.
-    let coarse = descend(bench, over, background, settings, settings.start_mm, settings.step_mm, still_rms).await?;
+    let coarse =
+        descend(bench, over, background, settings, settings.start_mm, settings.step_mm, still_rms).await?;
     let back = coarse.zero_mm + settings.step_mm;
     bench.go(&at(back), feeds).await?;
     descend(bench, over, background, settings, back, settings.step_mm / 10.0, still_rms).await
@@ -179,7 +184,8 @@ mod tests {
         let noise = |x: usize, y: usize| if (x * 7 + y * 13) % 2 == 0 { 3 } else { 0 };
         let dimmer = frame(|x, y| 93 + noise(x, y));
         assert!(largest_block_change(&background, &dimmer) < 0.5);
-        let spot = frame(|x, y| if (20..28).contains(&x) && (20..28).contains(&y) { 140 } else { 93 + noise(x, y) });
+        let spot =
+            frame(|x, y| if (20..28).contains(&x) && (20..28).contains(&y) { 140 } else { 93 + noise(x, y) });
         assert!(largest_block_change(&background, &spot) > 5.0);
     }
 }

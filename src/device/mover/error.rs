@@ -10,7 +10,9 @@ pub enum MoverError {
     #[error(transparent)]
     Limit(#[from] LimitError),
     /// There is no such axis.
-    #[error("there is no axis {axis}; this device has {known}: correct the name, or add the axis to the rig file")]
+    #[error(
+        "there is no axis {axis}; this device has {known}: correct the name, or add the axis to the rig file"
+    )]
     UnknownAxis {
         /// The name asked for.
         axis: String,
@@ -29,7 +31,9 @@ pub enum MoverError {
         reason: String,
     },
     /// Another device answers.
-    #[error("another device is on this port: it says \"{says}\", expected {expected}; check the port in the rig file. Nothing was moved")]
+    #[error(
+        "another device is on this port: it says \"{says}\", expected {expected}; check the port in the rig file. Nothing was moved"
+    )]
     WrongIdentity {
         /// What it said.
         says: String,
@@ -49,7 +53,9 @@ pub enum MoverError {
         reason: String,
     },
     /// The device ended elsewhere than it was sent.
-    #[error("axis {axis}: sent to {target} {unit}, arrived at {measured} {unit} (tolerance {tolerance}); look for a limit inside the firmware, lost steps, or a tolerance below its resolution")]
+    #[error(
+        "axis {axis}: sent to {target} {unit}, arrived at {measured} {unit} (tolerance {tolerance}); look for a limit inside the firmware, lost steps, or a tolerance below its resolution"
+    )]
     NotReached {
         /// The axis.
         axis: String,
@@ -77,7 +83,9 @@ pub enum MoverError {
         what: &'static str,
     },
     /// The reply to a move was lost, and the device is not where the move leads.
-    #[error("the reply to a move was lost, and the device came to rest elsewhere; its position is known again, nothing was sent twice. Repeat the move, or check the cable")]
+    #[error(
+        "the reply to a move was lost, and the device came to rest elsewhere; its position is known again, nothing was sent twice. Repeat the move, or check the cable"
+    )]
     MoveUnconfirmed,
     /// The dialogue with the device failed.
     #[error(transparent)]

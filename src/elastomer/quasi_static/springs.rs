@@ -12,7 +12,7 @@ use super::layer::RestLayer;
 use glam::DVec3;
 
 /// Above this many springs, cells are gathered in blocks.
-const MOST_SPRINGS: usize = 1200;
+const MOST_SPRINGS: usize = 640;
 
 /// Displacement of the face at the middle of one cell for a unit force on another.
 #[derive(Debug)]

@@ -278,7 +278,12 @@ impl Engine {
     }
 
     /// The commands of a move, all written once on trial, so that either all can be sent or none is.
-    pub(super) fn plan_move(&self, targets: &[(usize, f64)], feed: f64, jog: bool) -> Result<Vec<Address>, Failure> {
+    pub(super) fn plan_move(
+        &self,
+        targets: &[(usize, f64)],
+        feed: f64,
+        jog: bool,
+    ) -> Result<Vec<Address>, Failure> {
         let names = if jog && !self.spec.motion.jog.is_empty() {
             &self.spec.motion.jog
         } else {
