@@ -340,3 +340,21 @@ fn contact_at_the_edge_is_refused_and_before_touch_nothing_is_computed() {
     let refused = s.advance(&Pose::new(9.5, 0.0, -0.2, 0.0));
     assert!(matches!(refused, Err(Error::OffPad { .. })), "{refused:?}");
 }
+
+#[test]
+fn a_few_hard_cases_end_in_correct_answers_or_typed_errors() {
+    let indenters: Vec<Arc<dyn Indenter>> = vec![Arc::new(Sphere(3.0))];
+    let cases = stress::cases(&indenters);
+    let hard = |c: &&stress::Case| c.pad.material.poisson_ratio > 0.495 || c.path[0].depth_mm() < 0.1;
+    let mut correct = 0;
+    for case in cases.iter().filter(hard) {
+        // Coarse, to be quick: the whole sweep is for the stress command.
+        let case = &stress::Case { cell_mm: 1.25, ..case.clone() };
+        match stress::run(case).0 {
+            stress::Outcome::Correct { .. } => correct += 1,
+            stress::Outcome::Refused(_) => {}
+            stress::Outcome::Wrong(what) => panic!("{case:?}: {what}"),
+        }
+    }
+    assert!(correct >= 3, "{correct} of 4");
+}
