@@ -222,7 +222,7 @@ impl Contacts {
             s.gap = f64::INFINITY;
             let near = p.z >= 0.0 && p.x.abs() <= hx && p.y.abs() <= hy;
             let held = s.multiplier > 0.0;
-            if !(near && !self.bilateral) && !held && s.anchor.is_none() {
+            if (self.bilateral || !near) && !held && s.anchor.is_none() {
                 continue;
             }
             let (gap, normal) = self.gap(s, indenter, p);
@@ -470,6 +470,34 @@ impl Contacts {
             torque += (a.position.x - pose.x_mm) * a.force.y - (a.position.y - pose.y_mm) * a.force.x;
         }
         (force, torque)
+    }
+
+    /// Root mean square of the penetration at the corners of loaded cells, between the sample points, mm.
+    pub fn penetration_between(&self, indenter: &dyn Indenter, pose: &Pose, u: &[f32]) -> f64 {
+        let (mut sum, mut n) = (0.0, 0);
+        let corners = [[1.0, 0.0], [0.0, 1.0]].map(|[a, b]: [f64; 2]| [0.5 * a, 0.5, 0.5 * b]);
+        let half = self.area.sqrt() * self.per_axis as f64 / 2.0;
+        for s in self.samples.iter().filter(|s| s.pressure > 0.0 && s.sub == 0) {
+            for (x, wx) in corners.iter().enumerate() {
+                for (y, wy) in corners.iter().enumerate() {
+                    let side = |k: usize| if k == 0 { -half } else { half };
+                    let mut p = s.rest + DVec3::new(side(x), side(y), 0.0);
+                    let mut moved = [0.0; 3];
+                    for (c, o) in moved.iter_mut().enumerate() {
+                        for b in 0..3 {
+                            for a in 0..3 {
+                                let at = self.face[c] + (s.cell[1] + b) * self.cx + s.cell[0] + a;
+                                *o += wx[a] * wy[b] * f64::from(u[at]);
+                            }
+                        }
+                    }
+                    p += DVec3::from_array(moved);
+                    sum += indenter.distance(pose.to_indenter(p)).min(0.0).powi(2);
+                    n += 1;
+                }
+            }
+        }
+        if n == 0 { 0.0 } else { (sum / f64::from(n)).sqrt() }
     }
 
     /// Area in contact, mm^2.

@@ -11,8 +11,11 @@ use super::lanes::{Kernel, Lanes, WIDTH, dispatch};
 use super::layer::RestLayer;
 use glam::DVec3;
 
-/// Above this many springs, cells are gathered in blocks.
-const MOST_SPRINGS: usize = 1200;
+/// Above this many springs, cells are gathered in blocks: on an ordinary grid, and on a fine one, whose
+/// passes cost more than a larger factor does.
+const MOST_SPRINGS: [usize; 2] = [640, 1400];
+/// Control points of a layer from which a grid counts as fine.
+const FINE_PLANE: usize = 6000;
 
 /// Displacement of the face at the middle of one cell for a unit force on another.
 #[derive(Debug)]
@@ -106,9 +109,10 @@ impl Springs {
     /// Gathers the springs of a linearised contact and factors their system.
     pub fn update(&mut self, grid: &Grid, green: &FaceGreen, contacts: &Contacts) {
         let mut block = 1;
+        let most = MOST_SPRINGS[usize::from(grid.plane() >= FINE_PLANE)];
         let (springs, stiffness) = loop {
             let found = gather(grid, contacts, block);
-            if found.0.len() <= MOST_SPRINGS {
+            if found.0.len() <= most {
                 break found;
             }
             block *= 2;

@@ -147,3 +147,214 @@ fn the_base_carries_what_the_indenter_presses_and_unloading_returns_to_rest() {
     let c = s.capture(21, 21).expect("a lattice");
     assert!(c.surface.positions.iter().all(|p| p.z.abs() < 1e-3));
 }
+
+/// Control values of the displacement u_z = stretch (z + t), u_x = shear (z + t).
+fn homogeneous(grid: &Grid, stretch: f64, shear: f64) -> Vec<f32> {
+    let mut knots = vec![0.0; 3];
+    for h in &grid.hz {
+        knots.push(knots[knots.len() - 1] + h);
+    }
+    let end = knots[knots.len() - 1];
+    knots.extend([end, end]);
+    let mut u = vec![0.0; grid.field_len()];
+    for k in 0..grid.layers() {
+        let z = 0.5 * (knots[k + 1] + knots[k + 2]);
+        u[grid.at(2, k)..][..grid.plane()].fill((stretch * z) as f32);
+        u[grid.at(0, k)..][..grid.plane()].fill((shear * z) as f32);
+    }
+    u
+}
+
+/// Force of the pad on its base, per area, for a homogeneous deformation.
+fn base_traction(law: Law, stretch: f64, shear: f64) -> [f64; 2] {
+    let material = pad(law).material;
+    let grid = Grid::new([8.0, 8.0, 4.0], 0.5, 0.8, 1.25);
+    let u = homogeneous(&grid, stretch, shear);
+    let operator = Operator::new(grid.clone(), law, material.mu_mpa(), material.lambda_mpa());
+    let mut force = vec![0.0; grid.field_len()];
+    operator.evaluate(&u, &mut force, &mut operator::Tangent::default());
+    let sum = |c: usize| -> f64 {
+        force[grid.at(c, 0)..][..grid.plane()].iter().map(|v| f64::from(*v)).sum::<f64>() / -64.0
+    };
+    [sum(0), sum(2)]
+}
+
+#[test]
+fn patch_tests_are_exact_for_both_laws() {
+    let m = pad(Law::NeoHookean).material;
+    let (mu, lambda) = (m.mu_mpa(), m.lambda_mpa());
+    for l in [0.7f64, 0.95, 1.3] {
+        let [_, corotated] = base_traction(Law::FixedCorotated, l - 1.0, 0.0);
+        assert!((corotated - (2.0 * mu + lambda) * (l - 1.0)).abs() < 1e-5, "l {l}: {corotated}");
+        let [_, neo] = base_traction(Law::NeoHookean, l - 1.0, 0.0);
+        assert!((neo - (mu * (l - 1.0 / l) + lambda * l.ln() / l)).abs() < 1e-5, "l {l}: {neo}");
+    }
+    let [neo, _] = base_traction(Law::NeoHookean, 0.0, 0.25);
+    assert!((neo - mu * 0.25).abs() < 1e-5, "{neo}");
+    // Simple shear of 0.25 under the fixed-corotated law: 0.0125965 MPa (analytic tables).
+    let [corotated, _] = base_traction(Law::FixedCorotated, 0.0, 0.25);
+    assert!((corotated - 0.012_596_5).abs() < 1e-5, "{corotated}");
+}
+
+/// A smooth field with no symmetry, zero at the base and within `margin` control points of the sides.
+fn wavy(grid: &Grid, size: f32, margin: usize) -> Vec<f32> {
+    let mut u = vec![0.0; grid.field_len()];
+    for c in 0..3 {
+        for k in 1..grid.layers() {
+            for j in margin..grid.cy() - margin {
+                for i in margin..grid.cx() - margin {
+                    let phase = 0.7 * i as f32 + 1.1 * j as f32 * (1.0 + c as f32) + 0.4 * k as f32;
+                    u[grid.at(c, k) + j * grid.cx() + i] = size * phase.sin();
+                }
+            }
+        }
+    }
+    u
+}
+
+#[test]
+fn the_tangent_is_the_derivative_of_the_forces_and_symmetric() {
+    for law in [Law::FixedCorotated, Law::NeoHookean] {
+        let grid = Grid::new([8.0, 8.0, 4.0], 0.5, 0.8, 1.25);
+        let operator = Operator::new(grid.clone(), law, 0.05, 0.45);
+        let n = grid.field_len();
+        let (u, d) = (wavy(&grid, 0.1, 0), wavy(&grid, 1.0, 3));
+        let mut tangent = operator::Tangent::default();
+        let mut forces = [vec![0.0; n], vec![0.0; n]];
+        let eps = 1e-3;
+        for (f, sign) in forces.iter_mut().zip([-eps, eps]) {
+            let moved: Vec<f32> = u.iter().zip(&d).map(|(u, d)| u + sign * d).collect();
+            operator.evaluate(&moved, f, &mut tangent);
+        }
+        let mut here = vec![0.0; n];
+        operator.evaluate(&u, &mut here, &mut tangent);
+        let mut along = vec![0.0; n];
+        operator.apply(&tangent, &d, &mut along);
+        let (mut error, mut norm) = (0.0, 0.0);
+        for i in (0..n).filter(|i| (i / grid.plane()) % grid.layers() > 0) {
+            let difference = (forces[1][i] - forces[0][i]) / (2.0 * eps);
+            error += f64::from(difference - along[i]).powi(2);
+            norm += f64::from(along[i]).powi(2);
+        }
+        assert!(error < 1e-5 * norm, "{law:?}: {}", (error / norm).sqrt());
+        let e: Vec<f32> = wavy(&grid, 1.0, 1).iter().rev().copied().collect();
+        let mut back = vec![0.0; n];
+        operator.apply(&tangent, &e, &mut back);
+        let mut masked = e.clone();
+        for c in 0..3 {
+            masked[grid.at(c, 0)..][..grid.plane()].fill(0.0);
+        }
+        operator.apply(&tangent, &masked, &mut back);
+        let (a, b) = (newton::dot(&masked, &along), newton::dot(&d, &back));
+        assert!((a - b).abs() < 1e-4 * newton::dot(&along, &along).sqrt() * newton::dot(&e, &e).sqrt());
+    }
+}
+
+#[test]
+fn the_rest_layer_inverts_the_operator_away_from_the_sides() {
+    let grid = Grid::new([8.0, 8.0, 4.0], 0.5, 0.8, 1.25);
+    let operator = Operator::new(grid.clone(), Law::FixedCorotated, 0.05, 0.45);
+    let layer = RestLayer::new(&grid, 0.05, 0.45);
+    let n = grid.field_len();
+    let x = wavy(&grid, 1.0, 5);
+    let (mut force, mut back) = (vec![0.0; n], vec![0.0; n]);
+    let mut tangent = operator::Tangent::default();
+    operator.evaluate(&vec![0.0; n], &mut force, &mut tangent);
+    operator.apply(&tangent, &x, &mut force);
+    let mut waves = vec![0.0; layer.waves_len()];
+    layer.solve_to_waves(&force, &mut waves);
+    layer.from_waves(&waves, &mut back);
+    let error = x.iter().zip(&back).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(error < 1e-3, "{error}");
+}
+
+#[test]
+fn a_small_press_agrees_with_the_exact_bonded_layer() {
+    // R 4, h 4, E 0.145, nu 0.45, d 0.1: F = 0.0183889 N at small strain, infinite width.
+    let resolution = Resolution { cell_mm: 0.25, ..Resolution::for_tolerance(0.01) };
+    let pad = Pad { size_x_mm: 16.0, size_y_mm: 16.0, ..pad(Law::NeoHookean) };
+    let start = Pose::new(0.0, 0.0, 0.5, 0.0);
+    let frictionless = settings(Friction::Coefficient(0.0));
+    let mut s =
+        QuasiStaticSolver::with_resolution(&pad, &frictionless, resolution, Arc::new(Sphere(4.0)), &start)
+            .expect("settings are in range");
+    s.advance(&Pose::new(0.0, 0.0, -0.1, 0.0)).expect("an easy press");
+    let force = s.capture(2, 2).expect("a lattice").forces.normal_force_n;
+    assert!((force - 0.018_388_9).abs() < 0.03 * 0.018_388_9, "{force}");
+}
+
+#[test]
+fn tangential_and_torsional_stiffness_follow_the_half_space_and_the_layer_is_stiffer() {
+    let (a, g, nu) = (2.7, 0.05, 0.45);
+    let start = Pose::new(0.0, 0.0, -0.1, 0.0);
+    let pressed = solver(Friction::Infinite, Arc::new(Punch(a, 0.3)), Law::NeoHookean);
+    let shear = |pose: &Pose| {
+        let mut s = pressed.fork();
+        s.advance(&start).expect("an easy press");
+        s.advance(pose).expect("a small move");
+        s.capture(2, 2).expect("a lattice").forces
+    };
+    // Mindlin: Q = 8 G a s / (2 - nu); Reissner and Sagoci: T = 16/3 G a^3 beta. The flat part has the
+    // radius a - 0.3 .. a; the layer of 4 mm is 10 to 40 % stiffer.
+    let q = -shear(&Pose::new(0.05, 0.0, -0.1, 0.0)).shear_force_n[0];
+    let half_space = 8.0 * g * a * 0.05 / (2.0 - nu);
+    assert!(q > half_space && q < 1.45 * half_space, "{q} against {half_space}");
+    let t = -shear(&Pose::new(0.0, 0.0, -0.1, 2.0)).torque_n_mm;
+    let half_space = 16.0 / 3.0 * g * a.powi(3) * 2f64.to_radians();
+    assert!(t > 0.75 * half_space && t < 1.25 * half_space, "{t} against {half_space}");
+}
+
+#[test]
+fn a_long_slide_ends_in_full_sliding_at_coulombs_force() {
+    let mut s = solver(Friction::Coefficient(0.2), Arc::new(Sphere(4.0)), Law::NeoHookean);
+    s.advance(&Pose::new(-0.5, 0.0, -0.3, 0.0)).expect("an easy press");
+    for i in 1..=4 {
+        s.advance(&Pose::new(-0.5 + 0.25 * f64::from(i), 0.0, -0.3, 0.0)).expect("a slide");
+    }
+    let f = s.capture(2, 2).expect("a lattice").forces;
+    let ratio = -f.shear_force_n[0] / f.normal_force_n;
+    // The face slips along a slope and over stretched material, so the force is a little above mu N.
+    assert!((0.2..0.2 * 1.06).contains(&ratio), "{f:?}");
+    assert!(f.shear_force_n[1].abs() < 1e-3 * f.normal_force_n);
+}
+
+#[test]
+fn results_do_not_depend_on_the_number_of_threads() {
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| {
+            let mut s = solver(Friction::Infinite, Arc::new(Sphere(4.0)), Law::FixedCorotated);
+            s.advance(&Pose::new(0.1, 0.0, -0.3, 0.0)).expect("an easy press");
+            s.capture(31, 31).expect("a lattice")
+        })
+    };
+    assert_eq!(run(1), run(3));
+}
+
+#[test]
+fn contact_at_the_edge_is_refused_and_before_touch_nothing_is_computed() {
+    let mut s = solver(Friction::Infinite, Arc::new(Sphere(4.0)), Law::FixedCorotated);
+    s.advance(&Pose::new(5.0, 5.0, 0.2, 30.0)).expect("the air is free");
+    let c = s.capture(5, 5).expect("a lattice");
+    assert_eq!((c.stats.iterations, c.forces), (0, ContactForces { normal_force_n: -0.0, ..c.forces }));
+    let refused = s.advance(&Pose::new(9.5, 0.0, -0.2, 0.0));
+    assert!(matches!(refused, Err(Error::OffPad { .. })), "{refused:?}");
+}
+
+#[test]
+fn a_few_hard_cases_end_in_correct_answers_or_typed_errors() {
+    let indenters: Vec<Arc<dyn Indenter>> = vec![Arc::new(Sphere(3.0))];
+    let cases = stress::cases(&indenters);
+    let hard = |c: &&stress::Case| c.pad.material.poisson_ratio > 0.495 || c.path[0].depth_mm() < 0.1;
+    let mut correct = 0;
+    for case in cases.iter().filter(hard) {
+        // Coarse, to be quick: the whole sweep is for the stress command.
+        let case = &stress::Case { cell_mm: 1.25, ..case.clone() };
+        match stress::run(case).0 {
+            stress::Outcome::Correct { .. } => correct += 1,
+            stress::Outcome::Refused(_) => {}
+            stress::Outcome::Wrong(what) => panic!("{case:?}: {what}"),
+        }
+    }
+    assert!(correct >= 3, "{correct} of 4");
+}
