@@ -21,7 +21,9 @@ const INDENTERS: &[(&str, &str)] = shipped!("rig_configs/indenters":
     "flat_slab" "hexagon" "line" "moon" "pacman" "parallel_lines" "prism" "random" "sphere" "sphere2"
     "torus" "triangle" "wave1");
 
-const PROTOCOLS: &[(&str, &str)] = shipped!("firmware_protocols": "grbl" "grblhal" "marlin" "zaber_ascii");
+const PROTOCOLS: &[(&str, &str)] = shipped!("firmware_protocols":
+    "dobot_magician" "dynamixel2" "feetech_sts" "grbl" "grblhal" "marlin" "newport_smc100" "thorlabs_apt"
+    "zaber_ascii");
 
 fn all(kind: Kind) -> &'static [(&'static str, &'static str)] {
     match kind {
