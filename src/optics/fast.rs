@@ -1,0 +1,326 @@
+//! The fast renderer: what changes with the pad, on top of what a sensor needs once.
+//!
+//! For a diffuse pad under rectangular lights the light that arrives splits into parts that are each cheap:
+//! 1. *Direct light* is a vector irradiance dotted with the normal ([`vector`]), a smooth field that is tabulated once
+//!    ([`tables`]). Only where the pad hides part of a light, or a light dips below the surface's own horizon, is it
+//!    worked out anew: strips of the light clipped at the pad's horizon ([`horizon`]), in closed form, without noise.
+//! 2. *Indirect light* comes from walls and pad of the untouched sensor, solved once ([`radiosity`] over [`world`]) and
+//!    kept as irradiance over place and normal ([`probes`]). What the press itself changes in it is left out: second order.
+//! 3. *What a pixel sees* is found by drawing the pad's lattice ([`raster`]), a few samples a pixel, over the
+//!    fixed parts of the sensor, which are traced once.
+//!
+//! There are no random numbers in a frame, so no noise and no fireflies; a picture depends on scene and tolerance alone.
+//! Where this does not apply (glossy coatings, lights of other shapes, lenses, plates) it refuses: the reference mode
+//! renders all of them.
+
+mod grid;
+mod horizon;
+mod probes;
+mod radiosity;
+mod raster;
+mod shade;
+mod tables;
+mod vector;
+mod world;
+
+use super::{Albedo, Camera, Error, Film, LightShape, Material, Mesh, Role, Scene, emitter::Emitter};
+use glam::{Vec2, Vec3};
+use grid::{Grid, Layout};
+use horizon::{Heights, Panel};
+use radiosity::Radiosity;
+use raster::Projected;
+use rayon::prelude::*;
+use shade::Shading;
+use std::f32::consts::FRAC_1_PI;
+use std::sync::Arc;
+use world::World;
+
+/// Grid of the direct tables: across and upwards, mm.
+const DIRECT_STEP_MM: f32 = 0.25;
+/// Heights above the untouched face that are tabulated, mm.
+const DIRECT_LIFT_MM: [f32; 2] = [-0.75, 3.0];
+/// Grid of the probes, mm.
+const PROBE_STEP_MM: f32 = 1.0;
+const PROBE_LIFT_MM: [f32; 2] = [0.0, 2.0];
+const PROBE_LIFT_STEP_MM: f32 = 0.5;
+/// Nodes keep this far from the pad's rim, where walls stand, mm.
+const RIM_MM: f32 = 0.05;
+/// Samples along a pixel's edge of what is fixed.
+const FIXED_GRAIN: usize = 2;
+
+/// What a sensor needs once, from its untouched scene.
+#[derive(Debug, Clone)]
+pub struct Precomputed {
+    /// The scene without its pad's mesh.
+    fixed_scene: Scene,
+    camera: Camera,
+    panels: Vec<Panel>,
+    radiances: Vec<Vec3>,
+    direct: Vec<Grid<{ tables::NUMBERS }>>,
+    probes: Grid<{ probes::NUMBERS }>,
+    /// Fixed parts that samples show: inverse depth and radiance; None where no sample shows any.
+    fixed: Option<Vec<(f32, Vec3)>>,
+    /// This close to a light's plane its table is not used, mm.
+    near_mm: f32,
+}
+
+impl Precomputed {
+    /// Works out everything that does not change with the pad.
+    ///
+    /// # Errors
+    /// When the scene is none for this mode; the message says to use the reference mode.
+    pub fn new(untouched: &Scene) -> Result<Self, Error> {
+        untouched.check()?;
+        let pad = pad_of(untouched)?;
+        if untouched.camera.lens.is_some() {
+            return Err(unsupported("camera.aperture_radius_mm", "above 0", "only pinhole cameras"));
+        }
+        for light in &untouched.lights {
+            if !world::closed_form(light) {
+                let what = "only one-sided rectangular lights without an angular profile";
+                return Err(unsupported("lights", &light.name, what));
+            }
+        }
+        let world = World::new(untouched, true)?;
+        let emitters: Vec<Emitter> = untouched.lights.iter().map(Emitter::new).collect();
+        let lit: Vec<&super::Light> =
+            untouched.lights.iter().filter(|l| l.radiance != Vec3::ZERO && l.albedo.is_finite()).collect();
+        let panels: Vec<Panel> = lit.iter().filter_map(|l| panel(&l.shape)).collect();
+        let radiances = lit.iter().map(|l| l.radiance).collect();
+
+        let lattice = lattice_of(&pad.mesh)?;
+        let heights = Heights::new(&pad.mesh.positions, lattice, 0.25);
+        let rest = |p: Vec2| heights.at(p);
+        let inf = Vec2::splat(f32::INFINITY);
+        let [low, high] = pad
+            .mesh
+            .positions
+            .iter()
+            .fold([inf, -inf], |[l, h], p| [l.min(p.truncate()), h.max(p.truncate())]);
+        let across = [low + RIM_MM, high - RIM_MM];
+        if across[0].cmpge(across[1]).any() {
+            return Err(unsupported("pad", &format!("{:?} mm across", high - low), "larger pads"));
+        }
+        let direct_layout = Layout {
+            across,
+            step_mm: DIRECT_STEP_MM,
+            lift_mm: DIRECT_LIFT_MM,
+            lift_step_mm: DIRECT_STEP_MM,
+        };
+        let probe_layout = Layout {
+            across,
+            step_mm: PROBE_STEP_MM,
+            lift_mm: PROBE_LIFT_MM,
+            lift_step_mm: PROBE_LIFT_STEP_MM,
+        };
+        // What arrives at the pad indirectly was scattered at least once, and at the pad once more.
+        let events = untouched.max_events.saturating_sub(1);
+        let solved = Radiosity::new(&world, &emitters, events);
+        Ok(Self {
+            fixed_scene: without_pad_mesh(untouched),
+            camera: untouched.camera.clone(),
+            direct: tables::direct(&panels, &direct_layout, rest),
+            probes: probes::gather(&world, &solved, &probe_layout, rest),
+            fixed: fixed_samples(untouched, &world, &emitters, &solved)?,
+            panels,
+            radiances,
+            near_mm: 2.0 * DIRECT_STEP_MM,
+        })
+    }
+
+    /// The fixed part that a sample of a pixel shows.
+    #[inline(always)]
+    fn fixed(&self, x: usize, y: usize, u: usize, v: usize, grain: usize) -> Option<(f32, Vec3)> {
+        let fixed = self.fixed.as_ref()?;
+        let (u, v) = (u * FIXED_GRAIN / grain, v * FIXED_GRAIN / grain);
+        Some(fixed[(y * FIXED_GRAIN + v) * self.camera.width * FIXED_GRAIN + x * FIXED_GRAIN + u])
+    }
+}
+
+/// A pad as the prepared sensor sees it.
+pub struct Renderer<'a> {
+    once: &'a Precomputed,
+    mesh: Arc<Mesh>,
+    lattice: [usize; 2],
+    albedo: Albedo,
+    heights: Heights,
+    doubts: Vec<bool>,
+    grain: usize,
+}
+
+impl<'a> Renderer<'a> {
+    /// Makes the scene's pad ready. `tolerance` is the relRMSE asked for.
+    ///
+    /// # Errors
+    /// When anything but the pad's mesh differs from what was prepared, or the mesh is none for this mode.
+    pub fn new(once: &'a Precomputed, scene: &Scene, tolerance: f64) -> Result<Self, Error> {
+        if !(tolerance > 0.0 && tolerance <= 1.0) {
+            return Err(Error::Setting {
+                key: "tolerance",
+                value: tolerance.to_string(),
+                why: "it is a relative error above 0 and up to 1, e.g. 0.005".to_owned(),
+            });
+        }
+        let pad = pad_of(scene)?;
+        pad.mesh.check(&pad.name)?;
+        if !same_but_pad_mesh(scene, &once.fixed_scene) {
+            return Err(Error::Setting {
+                key: "mode",
+                value: "fast".to_owned(),
+                why: "more than the pad's mesh has changed since the sensor was prepared; prepare it anew".to_owned(),
+            });
+        }
+        let Material::Lambert { albedo } = &pad.material else {
+            return Err(unsupported("coating", &pad.name, "only diffuse coatings"));
+        };
+        let lattice = lattice_of(&pad.mesh)?;
+        let p = &pad.mesh.positions;
+        let spacing = (p[1] - p[0]).length().max((p[lattice[0]] - p[0]).length());
+        let heights = Heights::new(p, lattice, (2.0 * spacing).clamp(0.05, 0.2));
+        let doubts = heights.doubts(&once.panels);
+        Ok(Self {
+            once,
+            mesh: pad.mesh.clone(),
+            lattice,
+            albedo: albedo.clone(),
+            heights,
+            doubts,
+            grain: if tolerance < 0.008 { 2 } else { 1 },
+        })
+    }
+
+    /// The picture.
+    pub fn render(&self) -> Film {
+        let camera = &self.once.camera;
+        let grain = self.grain;
+        let (width, height) = (camera.width * grain, camera.height * grain);
+        let scale = Vec2::new(width as f32, height as f32) * 0.5;
+        let tangents = Vec2::new(camera.tan_half_x, camera.tan_half_y());
+        let vertices: Vec<Vec3> = self
+            .mesh
+            .positions
+            .par_iter()
+            .with_min_len(4096)
+            .map(|p| {
+                let to = *p - camera.origin;
+                let depth = to.dot(camera.forward);
+                let mut q = Vec2::new(to.dot(camera.right), to.dot(camera.up)) / depth;
+                if let Some(d) = camera.distortion {
+                    q = d.distort(q);
+                }
+                if depth <= 0.0 {
+                    return Vec3::NAN;
+                }
+                let image = q / tangents;
+                (Vec2::new(1.0 + image.x, 1.0 - image.y) * scale).extend(1.0 / depth)
+            })
+            .collect();
+        let shading = Shading {
+            once: self.once,
+            mesh: &self.mesh,
+            nx: self.lattice[0],
+            albedo: &self.albedo,
+            heights: &self.heights,
+            doubts: &self.doubts,
+            grain,
+        };
+        let drawn = Projected { lattice: self.lattice, vertices: &vertices };
+        let bands = drawn.bands(width, height, 8 * grain, |first, samples| {
+            let mut out = Vec::with_capacity(samples.len() / (grain * grain));
+            for (y, rows) in samples.chunks_exact(width * grain).enumerate() {
+                out.extend((0..camera.width).map(|x| shading.pixel(x, first / grain + y, rows, width)));
+            }
+            out
+        });
+        Film { width: camera.width, height: camera.height, pixels: bands.concat() }
+    }
+}
+
+fn unsupported(key: &'static str, value: &str, what: &str) -> Error {
+    Error::Setting {
+        key,
+        value: value.to_owned(),
+        why: format!("the fast mode renders {what}; set optics.mode = \"reference\" for this sensor"),
+    }
+}
+
+fn pad_of(scene: &Scene) -> Result<&super::Surface, Error> {
+    let mut pads = scene.surfaces.iter().filter(|s| s.role == Role::Pad);
+    match (pads.next(), pads.next()) {
+        (Some(pad), None) => Ok(pad),
+        (found, _) => {
+            let n = if found.is_some() { "several" } else { "none" };
+            Err(unsupported("pad", n, "scenes with exactly one pad"))
+        }
+    }
+}
+
+fn lattice_of(mesh: &Mesh) -> Result<[usize; 2], Error> {
+    match mesh.lattice {
+        Some([nx, ny]) if nx >= 2 && ny >= 2 && mesh.positions.len() == nx * ny => Ok([nx, ny]),
+        _ => Err(unsupported("pad", "no lattice", "pads whose mesh is a lattice of points")),
+    }
+}
+
+fn panel(shape: &LightShape) -> Option<Panel> {
+    let LightShape::Rectangle { center, half_u, half_v } = shape else { return None };
+    let corner = |s: f32, t: f32| *center + *half_u * s + *half_v * t;
+    Some(Panel::new([corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)]))
+}
+
+fn without_pad_mesh(scene: &Scene) -> Scene {
+    let mut fixed = scene.clone();
+    for surface in fixed.surfaces.iter_mut().filter(|s| s.role == Role::Pad) {
+        surface.mesh = Arc::new(Mesh::default());
+    }
+    fixed
+}
+
+fn same_but_pad_mesh(scene: &Scene, fixed: &Scene) -> bool {
+    scene.camera == fixed.camera
+        && scene.lights == fixed.lights
+        && scene.max_events == fixed.max_events
+        && scene.surfaces.len() == fixed.surfaces.len()
+        && scene.surfaces.iter().zip(&fixed.surfaces).all(|(a, b)| {
+            a.role == b.role && a.material == b.material && (a.role == Role::Pad || a.mesh == b.mesh)
+        })
+}
+
+/// Traces what the camera would see without the pad.
+fn fixed_samples(
+    scene: &Scene,
+    world: &World,
+    emitters: &[Emitter],
+    solved: &Radiosity,
+) -> Result<Option<Vec<(f32, Vec3)>>, Error> {
+    let camera = &scene.camera;
+    let bare = World::new(scene, false)?;
+    let (width, height) = (camera.width * FIXED_GRAIN, camera.height * FIXED_GRAIN);
+    let per = 1.0 / FIXED_GRAIN as f32;
+    let samples: Vec<(f32, Vec3)> = (0..width * height)
+        .into_par_iter()
+        .map(|k| {
+            let (x, y) = (((k % width) as f32 + 0.5) * per, ((k / width) as f32 + 0.5) * per);
+            let (origin, direction) = camera.ray(x, y, Vec2::ZERO);
+            let Some(met) = bare.trace(origin, direction) else { return (f32::NEG_INFINITY, Vec3::ZERO) };
+            let inverse_depth = 1.0 / (met.hit.t * direction.dot(camera.forward));
+            // Its radiance is that of the whole sensor, pad included; what the pad hides is not shown anyway.
+            let to = direction * (met.hit.t * 1.001);
+            let radiance = match world.trace(origin, direction) {
+                Some(whole) if (whole.hit.point - origin).length() >= to.length() * 0.998 => {
+                    let mut radiance = met.albedo
+                        * FRAC_1_PI
+                        * world.direct(met.hit.point, met.normal, met.light, emitters);
+                    radiance += solved.direct_free(whole.element);
+                    if let Some(light) = met.light.filter(|_| met.front) {
+                        radiance += emitters[light].radiance;
+                    }
+                    radiance
+                }
+                _ => Vec3::ZERO,
+            };
+            (inverse_depth, radiance)
+        })
+        .collect();
+    Ok(samples.iter().any(|s| s.0.is_finite()).then_some(samples))
+}
