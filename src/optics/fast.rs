@@ -45,6 +45,8 @@ const PROBE_LIFT_MM: [f32; 2] = [0.0, 2.0];
 const PROBE_LIFT_STEP_MM: f32 = 0.5;
 /// Nodes keep this far from the pad's rim, where walls stand, mm.
 const RIM_MM: f32 = 0.05;
+/// Points this far below the untouched face are under it, mm.
+const BURIED_MM: f32 = 0.02;
 /// Samples along a pixel's edge of what is fixed.
 const FIXED_GRAIN: usize = 2;
 
@@ -101,12 +103,8 @@ impl Precomputed {
         if across[0].cmpge(across[1]).any() {
             return Err(unsupported("pad", &format!("{:?} mm across", high - low), "larger pads"));
         }
-        let direct_layout = Layout {
-            across,
-            step_mm: DIRECT_STEP_MM,
-            lift_mm: DIRECT_LIFT_MM,
-            lift_step_mm: DIRECT_STEP_MM,
-        };
+        let direct_layout =
+            Layout { across, step_mm: DIRECT_STEP_MM, lift_mm: DIRECT_LIFT_MM, lift_step_mm: DIRECT_STEP_MM };
         let probe_layout = Layout {
             across,
             step_mm: PROBE_STEP_MM,
@@ -115,7 +113,8 @@ impl Precomputed {
         };
         // What arrives at the pad indirectly was scattered at least once, and at the pad once more.
         let events = untouched.max_events.saturating_sub(1);
-        let solved = Radiosity::new(&world, &emitters, events);
+        let buried = |p: Vec3| p.z < heights.at(p.truncate()) - BURIED_MM;
+        let solved = Radiosity::new(&world, &emitters, events, buried);
         Ok(Self {
             fixed_scene: without_pad_mesh(untouched),
             camera: untouched.camera.clone(),
@@ -167,7 +166,8 @@ impl<'a> Renderer<'a> {
             return Err(Error::Setting {
                 key: "mode",
                 value: "fast".to_owned(),
-                why: "more than the pad's mesh has changed since the sensor was prepared; prepare it anew".to_owned(),
+                why: "more than the pad's mesh has changed since the sensor was prepared; prepare it anew"
+                    .to_owned(),
             });
         }
         let Material::Lambert { albedo } = &pad.material else {
@@ -308,9 +308,8 @@ fn fixed_samples(
             let to = direction * (met.hit.t * 1.001);
             let radiance = match world.trace(origin, direction) {
                 Some(whole) if (whole.hit.point - origin).length() >= to.length() * 0.998 => {
-                    let mut radiance = met.albedo
-                        * FRAC_1_PI
-                        * world.direct(met.hit.point, met.normal, met.light, emitters);
+                    let mut radiance =
+                        met.albedo * FRAC_1_PI * world.direct(met.hit.point, met.normal, met.light, emitters);
                     radiance += solved.direct_free(whole.element);
                     if let Some(light) = met.light.filter(|_| met.front) {
                         radiance += emitters[light].radiance;

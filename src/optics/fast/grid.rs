@@ -40,11 +40,8 @@ impl<const N: usize> Grid<N> {
         let count = |length: f32, step: f32| ((length / step).ceil() as usize).clamp(1, 400) + 1;
         let size = high - low;
         let rise = layout.lift_mm[1] - layout.lift_mm[0];
-        let nodes = [
-            count(size.x, layout.step_mm),
-            count(size.y, layout.step_mm),
-            count(rise, layout.lift_step_mm),
-        ];
+        let nodes =
+            [count(size.x, layout.step_mm), count(size.y, layout.step_mm), count(rise, layout.lift_step_mm)];
         let per_mm = Vec2::new((nodes[0] - 1) as f32, (nodes[1] - 1) as f32) / size;
         let lift_per_mm = (nodes[2] - 1) as f32 / rise;
         let at = |k: usize| low + Vec2::new((k % nodes[0]) as f32, (k / nodes[0]) as f32) / per_mm;
@@ -86,9 +83,8 @@ impl<const N: usize> Grid<N> {
             }
         }
         let tolerance = 1e-3;
-        let inside = (q.x - x).abs() <= tolerance
-            && (q.y - y).abs() <= tolerance
-            && (lift - z).abs() <= tolerance;
+        let inside =
+            (q.x - x).abs() <= tolerance && (q.y - y).abs() <= tolerance && (lift - z).abs() <= tolerance;
         (out, inside)
     }
 }

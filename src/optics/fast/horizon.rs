@@ -68,13 +68,12 @@ impl Heights {
         let extent = (high - low).truncate();
         let cell = cell.max(extent.max_element() / 2048.0).max(1e-6);
         let size = [(extent.x / cell) as usize + 1, (extent.y / cell) as usize + 1];
-        let vertices: Vec<Vec3> = positions
-            .par_iter()
-            .map(|p| ((p.truncate() - low.truncate()) / cell).extend(p.z))
-            .collect();
+        let vertices: Vec<Vec3> =
+            positions.par_iter().map(|p| ((p.truncate() - low.truncate()) / cell).extend(p.z)).collect();
         let drawn = Projected { lattice, vertices: &vertices };
-        let z: Vec<f32> =
-            drawn.bands(size[0], size[1], 0, |_, band| band.iter().map(|s| s.value).collect::<Vec<_>>()).concat();
+        let z: Vec<f32> = drawn
+            .bands(size[0], size[1], 0, |_, band| band.iter().map(|s| s.value).collect::<Vec<_>>())
+            .concat();
         let coarse = [size[0].div_ceil(COARSE), size[1].div_ceil(COARSE)];
         let pools = (0..coarse[0] * coarse[1])
             .map(|k| {

@@ -24,17 +24,7 @@ const CLEARANCE_MM: f32 = 2e-3;
 /// The polynomial's terms.
 #[inline(always)]
 fn terms(n: Vec3) -> [f32; TERMS] {
-    [
-        1.0,
-        n.x,
-        n.y,
-        n.z,
-        n.x * n.y,
-        n.y * n.z,
-        n.z * n.x,
-        n.x * n.x - n.y * n.y,
-        3.0 * n.z * n.z - 1.0,
-    ]
+    [1.0, n.x, n.y, n.z, n.x * n.y, n.y * n.z, n.z * n.x, n.x * n.x - n.y * n.y, 3.0 * n.z * n.z - 1.0]
 }
 
 /// The irradiance of a normal from a node's numbers.
@@ -126,6 +116,10 @@ fn kernel(directions: &[Vec3]) -> Vec<[f32; TERMS]> {
                     out[a] += row[a] * cos;
                 }
             }
+            // Exact for the untouched face, which most of a picture shows.
+            let upright = terms(Vec3::Z);
+            let fitted: f64 = (0..TERMS).map(|a| out[a] * f64::from(upright[a])).sum();
+            out[0] += f64::from(d.z.max(0.0)) * solid_angle - fitted;
             out.map(|v| v as f32)
         })
         .collect()

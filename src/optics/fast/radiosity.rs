@@ -26,11 +26,19 @@ pub struct Radiosity {
 
 impl Radiosity {
     /// After 1 to `events` scatterings.
-    pub fn new(world: &World, emitters: &[Emitter], events: u32) -> Self {
+    ///
+    /// `buried` tells which points lie under the untouched face: patches of walls that reach below it count only
+    /// their part above, which is what the camera's side sees of them.
+    pub fn new(
+        world: &World,
+        emitters: &[Emitter],
+        events: u32,
+        buried: impl Fn(Vec3) -> bool + Sync,
+    ) -> Self {
         let n = 2 * world.patches;
-        let direct: Vec<Vec3> = (0..n).into_par_iter().map(|k| direct(world, emitters, k)).collect();
+        let direct: Vec<Vec3> = (0..n).into_par_iter().map(|k| direct(world, emitters, k, &buried)).collect();
         let rows: Vec<Vec<u32>> = if events > 1 {
-            (0..n).into_par_iter().map(|k| row(world, k)).collect()
+            (0..n).into_par_iter().map(|k| row(world, k, &buried)).collect()
         } else {
             Vec::new()
         };
@@ -42,7 +50,8 @@ impl Radiosity {
                     let gathered = if bounce == 0 {
                         Vec3::ZERO
                     } else {
-                        rows[k].iter().map(|&e| radiance[e as usize]).sum::<Vec3>() / RAYS as f32
+                        let met = rows[k].iter().filter(|&&e| e != NOTHING);
+                        met.map(|&e| radiance[e as usize]).sum::<Vec3>() / rows[k].len().max(1) as f32
                     };
                     world.element(k).0 * (direct[k] * FRAC_1_PI + gathered)
                 })
@@ -59,14 +68,14 @@ impl Radiosity {
 }
 
 /// Irradiance of an element straight from the lights, over those of its points that nothing covers.
-fn direct(world: &World, emitters: &[Emitter], element: usize) -> Vec3 {
+fn direct(world: &World, emitters: &[Emitter], element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec3 {
     let sampler = Sampler::new(0x0e1e, element as u32 / 2, 0, POINTS);
     let own = world.element(element).1;
     let (mut sum, mut points) = (Vec3::ZERO, 0);
     for i in 0..POINTS {
         let [u, v, ..] = sampler.group(i, 0);
         let (point, normal) = world.point(element, [u, v]);
-        if covered(world, point, normal) {
+        if buried(point) || covered(world, point, normal) {
             continue;
         }
         sum += world.direct(point, normal, own, emitters);
@@ -84,18 +93,24 @@ fn covered(world: &World, point: Vec3, normal: Vec3) -> bool {
 /// How near, in offsets (an offset is 2e-6 of the scene).
 const COVER: f32 = 200.0;
 
-/// The elements met by the rays of one.
-fn row(world: &World, element: usize) -> Vec<u32> {
+/// The elements met by the rays of one, [`NOTHING`] where a ray meets none.
+fn row(world: &World, element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec<u32> {
     let sampler = Sampler::new(0x6a74, element as u32, 0, RAYS);
     (0..RAYS)
         .filter_map(|i| {
             let [u, v, a, b] = sampler.group(i, 0);
             let (point, normal) = world.point(element, [u, v]);
-            let direction = cosine(normal, a, b);
-            world.trace(point + normal * world.offset, direction).map(|met| met.element as u32)
+            if buried(point) {
+                return None;
+            }
+            let met = world.trace(point + normal * world.offset, cosine(normal, a, b));
+            Some(met.map_or(NOTHING, |met| met.element as u32))
         })
         .collect()
 }
+
+/// In place of an element.
+const NOTHING: u32 = u32::MAX;
 
 /// A direction about `normal` with density cos/pi.
 fn cosine(normal: Vec3, a: f32, b: f32) -> Vec3 {
@@ -140,7 +155,7 @@ mod tests {
         };
         let world = World::new(&scene, true).unwrap();
         let emitters: Vec<Emitter> = scene.lights.iter().map(Emitter::new).collect();
-        let solved = Radiosity::new(&world, &emitters, 40);
+        let solved = Radiosity::new(&world, &emitters, 40, |_| false);
         // The lamp sends pi x area x L; all is absorbed in the end: (1 - 1/2) E = power, and radiance = E / 2 pi.
         let mut sent = 0.0;
         for k in (1..2 * world.patches).step_by(2) {

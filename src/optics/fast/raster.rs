@@ -46,7 +46,9 @@ impl Projected<'_> {
         let reach: Vec<[f32; 2]> = self
             .vertices
             .par_chunks_exact(nx)
-            .map(|row| row.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[l, h], v| [l.min(v.y), h.max(v.y)]))
+            .map(|row| {
+                row.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[l, h], v| [l.min(v.y), h.max(v.y)])
+            })
             .collect();
         let rows = if band_rows == 0 { BAND } else { band_rows };
         (0..height.div_ceil(rows))
