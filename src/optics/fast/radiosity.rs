@@ -100,7 +100,7 @@ fn row(world: &World, element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec<u32
         .filter_map(|i| {
             let [u, v, a, b] = sampler.group(i, 0);
             let (point, normal) = world.point(element, [u, v]);
-            if buried(point) {
+            if buried(point) || covered(world, point, normal) {
                 return None;
             }
             let met = world.trace(point + normal * world.offset, cosine(normal, a, b));
