@@ -23,12 +23,13 @@ mod tables;
 mod vector;
 mod world;
 
-use super::{Albedo, Camera, Error, Film, LightShape, Material, Mesh, Role, Scene, emitter::Emitter};
+use super::reference::Sight;
+use super::{Albedo, Camera, Error, Film, LightShape, Material, Mesh, Role, Scene, emitter::Emitter, to_pad};
 use glam::{Vec2, Vec3};
 use grid::{Grid, Layout};
 use horizon::{Heights, Panel};
 use radiosity::Radiosity;
-use raster::Projected;
+use raster::{Projected, Sample};
 use rayon::prelude::*;
 use shade::Shading;
 use std::f32::consts::FRAC_1_PI;
@@ -173,6 +174,13 @@ impl<'a> Renderer<'a> {
         let Material::Lambert { albedo } = &pad.material else {
             return Err(unsupported("coating", &pad.name, "only diffuse coatings"));
         };
+        if matches!(albedo, Albedo::Texture(_)) && pad.mesh.uvs.is_empty() {
+            return Err(Error::Scene {
+                part: pad.name.clone(),
+                what: "it has a texture, but its mesh has no texture coordinates".to_owned(),
+                next: "give the mesh one coordinate a vertex, or use a constant albedo".to_owned(),
+            });
+        }
         let lattice = lattice_of(&pad.mesh)?;
         let p = &pad.mesh.positions;
         let spacing = (p[1] - p[0]).length().max((p[lattice[0]] - p[0]).length());
@@ -189,15 +197,13 @@ impl<'a> Renderer<'a> {
         })
     }
 
-    /// The picture.
-    pub fn render(&self) -> Film {
+    /// The vertices in a raster of `grain` samples along a pixel's edge, with their inverse depths.
+    fn projected(&self, grain: usize) -> Vec<Vec3> {
         let camera = &self.once.camera;
-        let grain = self.grain;
         let (width, height) = (camera.width * grain, camera.height * grain);
         let scale = Vec2::new(width as f32, height as f32) * 0.5;
         let tangents = Vec2::new(camera.tan_half_x, camera.tan_half_y());
-        let vertices: Vec<Vec3> = self
-            .mesh
+        self.mesh
             .positions
             .par_iter()
             .with_min_len(4096)
@@ -214,7 +220,38 @@ impl<'a> Renderer<'a> {
                 let image = q / tangents;
                 (Vec2::new(1.0 + image.x, 1.0 - image.y) * scale).extend(1.0 / depth)
             })
-            .collect();
+            .collect()
+    }
+
+    /// What the centre of each pixel sees of the pad's face, row 0 on top; None where something else is in the way.
+    pub fn sights(&self) -> Vec<Option<Sight>> {
+        let camera = &self.once.camera;
+        let vertices = self.projected(1);
+        let drawn = Projected { lattice: self.lattice, vertices: &vertices };
+        let bands = drawn.bands(camera.width, camera.height, 8, |first, samples| {
+            let sight = |(k, sample): (usize, &Sample)| {
+                let (x, y) = (k % camera.width, first + k / camera.width);
+                // The fixed part at the sample nearest to the centre.
+                let hidden = self.once.fixed(x, y, 1, 1, FIXED_GRAIN).is_some_and(|f| f.0 > sample.value);
+                if sample.triangle == u32::MAX || hidden {
+                    return None;
+                }
+                let (origin, direction) = camera.ray(x as f32 + 0.5, y as f32 + 0.5, Vec2::ZERO);
+                let point = origin + direction / (sample.value * direction.dot(camera.forward));
+                let uv = shade::uv(&self.mesh, self.lattice[0], sample.triangle, point);
+                Some(Sight { point: to_pad(point), uv })
+            };
+            samples.iter().enumerate().map(sight).collect::<Vec<_>>()
+        });
+        bands.concat()
+    }
+
+    /// The picture.
+    pub fn render(&self) -> Film {
+        let camera = &self.once.camera;
+        let grain = self.grain;
+        let (width, height) = (camera.width * grain, camera.height * grain);
+        let vertices = self.projected(grain);
         let shading = Shading {
             once: self.once,
             mesh: &self.mesh,

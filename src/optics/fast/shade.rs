@@ -27,7 +27,7 @@ impl Shading<'_> {
         let camera = &self.once.camera;
         let grain = self.grain;
         let mut sum_static = Vec3::ZERO;
-        let mut seen: [(u32, Vec3); 16] = [(u32::MAX, Vec3::ZERO); 16];
+        let mut seen = [(u32::MAX, Vec3::ZERO, Vec2::ZERO); 16];
         let (mut count, mut offset, mut depth, mut normal) = (0, Vec2::ZERO, 0.0, Vec3::ZERO);
         for v in 0..grain {
             for u in 0..grain {
@@ -42,12 +42,14 @@ impl Shading<'_> {
                     continue;
                 }
                 let n = match seen[..count].last() {
-                    Some((id, n)) if *id == sample.triangle => *n,
+                    Some((id, n, _)) if *id == sample.triangle => *n,
                     _ => self.normal(sample.triangle),
                 };
-                seen[count] = (sample.triangle, n);
+                let within = Vec2::new(u as f32 + 0.5, v as f32 + 0.5);
+                let at = Vec2::new(x as f32, y as f32) + within / grain as f32;
+                seen[count] = (sample.triangle, n, at);
                 count += 1;
-                offset += Vec2::new(u as f32 + 0.5, v as f32 + 0.5);
+                offset += within;
                 depth += 1.0 / sample.value;
                 normal += n;
             }
@@ -70,10 +72,9 @@ impl Shading<'_> {
             Albedo::Constant(albedo) => *albedo * ((field * mean).max(Vec3::ZERO) + even) * count as f32,
             Albedo::Texture(texture) => {
                 let mut sum = Vec3::ZERO;
-                let mut k = 0;
-                for (id, n) in &seen[..count] {
-                    let uv = self.uv(*id, point, k, at);
-                    k += 1;
+                for (id, n, at) in &seen[..count] {
+                    let (origin, direction) = camera.ray(at.x, at.y, Vec2::ZERO);
+                    let uv = self.uv(*id, origin, direction);
                     sum += texture.sample(uv) * ((field * *n).max(Vec3::ZERO) + even);
                 }
                 sum
@@ -90,16 +91,12 @@ impl Shading<'_> {
         if n.dot(self.once.camera.origin - a) < 0.0 { -n } else { n }
     }
 
-    /// Texture coordinate where the pixel's ray through `at` meets the plane of the triangle.
-    fn uv(&self, triangle: u32, point: Vec3, _k: usize, _at: Vec2) -> Vec2 {
-        let ids = corners(triangle, self.nx);
-        let [a, b, c] = ids.map(|k| self.mesh.positions[k]);
-        let [ta, tb, tc] = ids.map(|k| self.mesh.uvs[k]);
-        let (e, f, p) = (b - a, c - a, point - a);
-        let n = e.cross(f);
-        let scale = 1.0 / n.length_squared().max(1e-30);
-        let (wb, wc) = (p.cross(f).dot(n) * scale, e.cross(p).dot(n) * scale);
-        ta + (tb - ta) * wb + (tc - ta) * wc
+    /// Texture coordinate where a ray meets the plane of a triangle.
+    fn uv(&self, triangle: u32, origin: Vec3, direction: Vec3) -> Vec2 {
+        let [a, b, c] = corners(triangle, self.nx).map(|k| self.mesh.positions[k]);
+        let n = (b - a).cross(c - a);
+        let t = n.dot(a - origin) / n.dot(direction);
+        uv(self.mesh, self.nx, triangle, origin + direction * t)
     }
 
     /// Direct irradiance: the matrix that gives it from a normal, and the part that is already worked out for the mean
@@ -132,4 +129,19 @@ impl Shading<'_> {
         }
         (Mat3::from_cols(x, y, z), rest)
     }
+}
+
+/// Texture coordinate at a point of a triangle's plane; 0 where the mesh carries none.
+pub fn uv(mesh: &Mesh, nx: usize, triangle: u32, point: Vec3) -> Vec2 {
+    if mesh.uvs.is_empty() {
+        return Vec2::ZERO;
+    }
+    let ids = corners(triangle, nx);
+    let [a, b, c] = ids.map(|k| mesh.positions[k]);
+    let [ta, tb, tc] = ids.map(|k| mesh.uvs[k]);
+    let (e, f, p) = (b - a, c - a, point - a);
+    let n = e.cross(f);
+    let scale = 1.0 / n.length_squared().max(1e-30);
+    let (wb, wc) = (p.cross(f).dot(n) * scale, e.cross(p).dot(n) * scale);
+    ta + (tb - ta) * wb + (tc - ta) * wc
 }
