@@ -16,9 +16,6 @@ pub enum TwinError {
     Threads(#[from] rayon::ThreadPoolBuildError),
 }
 
-/// relRMSE asked of the fast mode.
-const FAST_TOLERANCE: f64 = 0.005;
-
 /// The twin of a setup.
 pub fn twin(setup: &Setup) -> Result<Twin, TwinError> {
     let sensor = setup.sensor.as_ref().ok_or(TwinError::NoSensor)?;
@@ -27,7 +24,7 @@ pub fn twin(setup: &Setup) -> Result<Twin, TwinError> {
         OpticsMode::Reference => {
             Method::Reference(reference::Settings { samples: optics.samples, seed: optics.seed })
         }
-        OpticsMode::Fast => Method::Fast { tolerance: FAST_TOLERANCE },
+        OpticsMode::Fast => Method::Fast { tolerance: optics.tolerance },
     };
     let indenters = setup.plan.as_ref().map_or_else(BTreeMap::new, |p| p.bodies());
     Ok(Twin {

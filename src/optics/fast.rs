@@ -273,6 +273,32 @@ impl<'a> Renderer<'a> {
     }
 }
 
+/// Error of a gently pressed pad of one colour, and of a textured one.
+const BASE_ERROR: [f64; 2] = [0.0025, 0.0045];
+/// What steep flanks add, by the rms of |n - z|^2 over the face.
+const STEEP_ERROR: f64 = 0.075;
+
+impl Renderer<'_> {
+    /// What relRMSE to expect of the picture. A fit from above (found by experiment: presses of spheres, punches and
+    /// square stamps up to 1.5 mm against the reference): what is left out, the light that flanks send each other,
+    /// grows with their steepness. It is no bound; many narrow edges may exceed it.
+    pub fn estimated_error(&self) -> f64 {
+        let p = &self.mesh.positions;
+        let [nx, ny] = self.lattice;
+        let (mut sum, mut area) = (0.0, 0.0);
+        for k in (0..nx * (ny - 1)).filter(|k| k % nx + 1 < nx) {
+            let n = (p[k + nx + 1] - p[k]).cross(p[k + nx] - p[k + 1]);
+            let weight = f64::from(n.length());
+            let departure = f64::from((n.normalize_or_zero() - Vec3::Z).length_squared());
+            sum += departure * departure * weight;
+            area += weight;
+        }
+        let steep = STEEP_ERROR * (sum / area.max(1e-30)).sqrt();
+        let base = BASE_ERROR[usize::from(matches!(self.albedo, Albedo::Texture(_)))];
+        base.hypot(steep)
+    }
+}
+
 fn unsupported(key: &'static str, value: &str, what: &str) -> Error {
     Error::Setting {
         key,
@@ -359,4 +385,117 @@ fn fixed_samples(
         })
         .collect();
     Ok(samples.iter().any(|s| s.0.is_finite()).then_some(samples))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::{bench_scene, reference};
+    use std::sync::LazyLock;
+
+    const SCENE: &str = include_str!("../../tests/data/optics/tactile-bench-1.json");
+
+    /// The benchmark scene on a coarse lattice with another pad.
+    fn scene(variant: bench_scene::Variant, height: impl Fn(f32, f32) -> f32) -> Scene {
+        let mut scene = bench_scene::parse(SCENE, variant).unwrap();
+        scene.camera = scene.camera.with_raster(64, 48);
+        let (nx, ny) = (201, 151);
+        let at = |k: usize| Vec2::new((k % nx) as f32 * 0.1 - 10.0, (k / nx) as f32 * 0.1 - 7.5);
+        let positions = (0..nx * ny).map(|k| at(k).extend(height(at(k).x, at(k).y))).collect();
+        let uvs = (0..nx * ny).map(|k| (at(k) + Vec2::new(10.0, 7.5)) / Vec2::new(20.0, 15.0)).collect();
+        scene.surfaces[0].mesh = Arc::new(Mesh::from_lattice(nx, ny, positions, uvs));
+        scene
+    }
+
+    fn sphere(x: f32, y: f32) -> f32 {
+        let r = (x - 1.5).hypot(y + 1.0);
+        if r < 2.0 { (16.0 - r * r).sqrt() - 3.0 } else { 0.4641 * (-1.244 * (r - 2.0)).exp() }
+    }
+
+    fn punch(x: f32, y: f32) -> f32 {
+        let r = (x + 3.0).hypot(y - 2.0);
+        if r < 2.5 { 1.5 } else { 1.5 * (-1.6 * (r - 2.5)).exp() }
+    }
+
+    static ONCE: LazyLock<Precomputed> =
+        LazyLock::new(|| Precomputed::new(&scene(bench_scene::Variant::Ac, |_, _| 0.0)).unwrap());
+
+    /// relRMSE against the reference, its own noise taken off, and the ratio of means.
+    fn against_reference(scene: &Scene, fast: &Film) -> (f64, Vec3) {
+        let film = |seed| {
+            let settings = reference::Settings { samples: 32, seed };
+            reference::Renderer::new(scene).unwrap().render(&settings)
+        };
+        let (a, b) = (film(1), film(2));
+        let noise = a.relative_rmse(&b) / 2.0;
+        let pixels = a.pixels.iter().zip(&b.pixels).map(|(p, q)| (*p + *q) * 0.5).collect();
+        let truth = Film { pixels, ..a };
+        let error = fast.relative_rmse(&truth);
+        ((error * error - noise * noise).max(0.0).sqrt(), fast.mean() / truth.mean())
+    }
+
+    #[test]
+    fn presses_agree_with_the_reference_within_the_estimate() {
+        for (name, height, bound) in [
+            ("sphere", sphere as fn(f32, f32) -> f32, 0.006),
+            ("punch", punch, 0.02),
+            ("flat", |_, _| 0.0, 0.005),
+        ] {
+            let scene = scene(bench_scene::Variant::Ac, height);
+            let renderer = Renderer::new(&ONCE, &scene, 0.005).unwrap();
+            let film = renderer.render();
+            let (error, means) = against_reference(&scene, &film);
+            assert!(error < bound, "{name}: {error}");
+            assert!((means - Vec3::ONE).abs().max_element() < 0.004, "{name}: {means}");
+            assert!(error < 1.5 * renderer.estimated_error() + 0.002, "{name}: {error}");
+            // No pixel is out of what its neighbourhood could be.
+            let most = film.mean() * 8.0;
+            assert!(
+                film.pixels.iter().all(|p| p.is_finite() && p.cmpge(Vec3::ZERO).all() && p.cmple(most).all())
+            );
+        }
+    }
+
+    #[test]
+    fn a_textured_pad_agrees_with_the_reference() {
+        let flat = scene(bench_scene::Variant::At, |_, _| 0.0);
+        let once = Precomputed::new(&flat).unwrap();
+        let scene = scene(bench_scene::Variant::At, sphere);
+        let film = Renderer::new(&once, &scene, 0.005).unwrap().render();
+        let (error, means) = against_reference(&scene, &film);
+        // Four samples a pixel meet dots of about three pixels here.
+        assert!(error < 0.02 && (means - Vec3::ONE).abs().max_element() < 0.005, "{error} {means}");
+    }
+
+    #[test]
+    fn threads_change_nothing_and_sights_are_the_references() {
+        let scene = scene(bench_scene::Variant::Ac, sphere);
+        let renderer = Renderer::new(&ONCE, &scene, 0.005).unwrap();
+        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        assert_eq!(alone.install(|| renderer.render()), renderer.render());
+        let truth = reference::Renderer::new(&scene).unwrap().sights();
+        for (a, b) in renderer.sights().iter().zip(&truth) {
+            let (a, b) = (a.unwrap(), b.unwrap());
+            assert!((a.point - b.point).length() < 1e-3 && (a.uv - b.uv).length() < 1e-4, "{a:?} {b:?}");
+        }
+    }
+
+    #[test]
+    fn what_it_cannot_render_it_refuses_and_names_the_reference() {
+        let refused = |change: &dyn Fn(&mut Scene)| {
+            let mut scene = scene(bench_scene::Variant::Ac, |_, _| 0.0);
+            change(&mut scene);
+            let message = Precomputed::new(&scene).unwrap_err().to_string();
+            assert!(message.contains("reference"), "{message}");
+        };
+        refused(&|s| s.surfaces[0].material = Material::RoughConductor { f0: Vec3::ONE, alpha: 0.2 });
+        refused(&|s| s.lights[1].cosine_power = 2.0);
+        refused(&|s| {
+            s.lights[0].shape = LightShape::Disc { center: Vec3::Z, normal: Vec3::NEG_Z, radius: 1.0 };
+        });
+        refused(&|s| *s = bench_scene::parse(SCENE, bench_scene::Variant::B).unwrap());
+        let mut moved = scene(bench_scene::Variant::Ac, sphere);
+        moved.lights[0].radiance *= 2.0;
+        assert!(Renderer::new(&ONCE, &moved, 0.005).is_err());
+    }
 }
