@@ -21,6 +21,7 @@ pub mod bench_scene;
 pub mod bsdf;
 pub mod camera;
 pub mod emitter;
+pub mod fast;
 pub mod film;
 pub mod ggx;
 pub mod imager;

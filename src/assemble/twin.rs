@@ -1,7 +1,7 @@
 //! A twin from its configuration.
 
 use crate::config::{OpticsMode, Setup, TwinPoses};
-use crate::optics::reference;
+use crate::optics::{imager::Method, reference};
 use crate::twin::{FollowedPoses, Model, Twin, View};
 use std::collections::BTreeMap;
 
@@ -14,25 +14,22 @@ pub enum TwinError {
     /// The system refused threads.
     #[error("the twin's threads cannot be started: {0}; lower twin.threads")]
     Threads(#[from] rayon::ThreadPoolBuildError),
-    /// The rendering mode does not exist.
-    #[error("optics.mode = \"fast\" is not part of this build; set optics.mode = \"reference\"")]
-    NoFastOptics,
 }
 
 /// The twin of a setup.
 pub fn twin(setup: &Setup) -> Result<Twin, TwinError> {
     let sensor = setup.sensor.as_ref().ok_or(TwinError::NoSensor)?;
     let (rig, optics) = (&setup.rig, setup.rig.optics);
-    if optics.mode == OpticsMode::Fast {
-        return Err(TwinError::NoFastOptics);
-    }
+    let method = match optics.mode {
+        OpticsMode::Reference => {
+            Method::Reference(reference::Settings { samples: optics.samples, seed: optics.seed })
+        }
+        OpticsMode::Fast => Method::Fast { tolerance: optics.tolerance },
+    };
     let indenters = setup.plan.as_ref().map_or_else(BTreeMap::new, |p| p.bodies());
     Ok(Twin {
         model: Model { pad: sensor.pad.clone(), settings: rig.elastomer.clone(), indenters },
-        view: View {
-            sensor: sensor.optics.clone(),
-            settings: reference::Settings { samples: optics.samples, seed: optics.seed },
-        },
+        view: View { sensor: sensor.optics.clone(), method },
         follow: match rig.twin.poses {
             TwinPoses::Commanded => FollowedPoses::Commanded,
             TwinPoses::Measured => FollowedPoses::Measured,

@@ -79,6 +79,7 @@ impl Args {
             variant: self.variant,
             mode: self.mode,
             samples: self.spp,
+            tolerance: self.tolerance,
             size: self.size.as_deref().map(raster).transpose()?,
             repeat: self.repeat,
             seed: self.seed,

@@ -7,8 +7,9 @@
 use super::sensor::{SensorOptics, TextureMode};
 use super::sensor_scene::{face, scene};
 use super::surface::DisplacedSurface;
-use super::{Error, Film, Texture, imaging, reference};
+use super::{Error, Film, Scene, Texture, fast, imaging, reference};
 use glam::{Vec2, Vec3};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Mean of the untouched picture, linear, where no image of the untouched sensor gives it (found by
@@ -26,11 +27,29 @@ pub struct Background<'a> {
     pub rgb: &'a [u8],
 }
 
+/// How the light is rendered.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Method {
+    /// Path tracing: [`reference`].
+    Reference(reference::Settings),
+    /// [`fast`], where the sensor allows it.
+    Fast {
+        /// relRMSE asked for.
+        tolerance: f64,
+    },
+}
+
+impl From<reference::Settings> for Method {
+    fn from(settings: reference::Settings) -> Self {
+        Method::Reference(settings)
+    }
+}
+
 /// A sensor ready to be seen.
 #[derive(Debug, Clone)]
 pub struct Imager {
     sensor: SensorOptics,
-    settings: reference::Settings,
+    engine: Engine,
     background: Option<Texture>,
     /// Linear picture of the untouched sensor, and where each pixel sees the face.
     untouched: Film,
@@ -61,7 +80,7 @@ impl Imager {
     /// When the sensor or the face cannot be rendered, or the background is cut short.
     pub fn new(
         sensor: &SensorOptics,
-        settings: reference::Settings,
+        method: impl Into<Method>,
         background: Option<Background<'_>>,
         untouched: &DisplacedSurface,
     ) -> Result<Self, Error> {
@@ -79,15 +98,23 @@ impl Imager {
         });
         let mut imager = Self {
             sensor: sensor.clone(),
-            settings,
+            engine: Engine::Reference(reference::Settings::default()),
             background,
             untouched: Film::new(0, 0),
             untouched_uv: Vec::new(),
             exposure: 1.0,
         };
-        let renderer = imager.renderer(&untouched.at_rest())?;
-        imager.untouched = renderer.render(&imager.settings);
-        imager.untouched_uv = renderer.sights().iter().map(|s| s.map(|s| s.uv)).collect();
+        let rest = imager.scene(&untouched.at_rest())?;
+        imager.engine = match method.into() {
+            Method::Reference(settings) => Engine::Reference(settings),
+            Method::Fast { tolerance } => Engine::Fast(Arc::new(fast::Precomputed::new(&rest)?), tolerance),
+        };
+        let (light, sights) = {
+            let renderer = imager.renderer(&rest)?;
+            (renderer.render(), renderer.sights())
+        };
+        imager.untouched = light;
+        imager.untouched_uv = sights.iter().map(|s| s.map(|s| s.uv)).collect();
         let target = imager.background.as_ref().map_or(MIDDLE, |b| b.mean().element_sum() / 3.0);
         let mean = imager.untouched.mean().element_sum() / 3.0;
         imager.exposure = match sensor.image.exposure {
@@ -104,10 +131,11 @@ impl Imager {
     /// When the face is no lattice or has positions that are not finite.
     pub fn picture(&self, surface: &DisplacedSurface, index: u32) -> Result<Picture, Error> {
         let start = Instant::now();
-        let renderer = self.renderer(surface)?;
+        let scene = self.scene(surface)?;
+        let renderer = self.renderer(&scene)?;
         let build_s = start.elapsed().as_secs_f64();
         let start = Instant::now();
-        let light = renderer.render(&self.settings);
+        let light = renderer.render();
         let sights = renderer.sights();
         let rgb = match (&self.background, self.sensor.texture) {
             (Some(background), TextureMode::Ratio) => {
@@ -120,12 +148,15 @@ impl Imager {
         Ok(Picture { rgb, light, depth_mm, build_s, render_s: start.elapsed().as_secs_f64() })
     }
 
-    fn renderer(&self, surface: &DisplacedSurface) -> Result<reference::Renderer, Error> {
-        reference::Renderer::new(&scene(
-            &self.sensor,
-            &face(&self.sensor, surface),
-            self.background.as_ref(),
-        )?)
+    fn scene(&self, surface: &DisplacedSurface) -> Result<Scene, Error> {
+        scene(&self.sensor, &face(&self.sensor, surface), self.background.as_ref())
+    }
+
+    fn renderer(&self, scene: &Scene) -> Result<Ready<'_>, Error> {
+        Ok(match &self.engine {
+            Engine::Reference(settings) => Ready::Reference(reference::Renderer::new(scene)?, *settings),
+            Engine::Fast(once, tolerance) => Ready::Fast(fast::Renderer::new(once, scene, *tolerance)?),
+        })
     }
 
     /// The untouched image, carried along by the material and multiplied by what the light there became: a point
@@ -150,6 +181,35 @@ impl Imager {
             *pixel = background.sample(at) * ratio;
         }
         relit
+    }
+}
+
+/// A method with what it needs once.
+#[derive(Debug, Clone)]
+enum Engine {
+    Reference(reference::Settings),
+    Fast(Arc<fast::Precomputed>, f64),
+}
+
+/// A renderer with its settings.
+enum Ready<'a> {
+    Reference(reference::Renderer, reference::Settings),
+    Fast(fast::Renderer<'a>),
+}
+
+impl Ready<'_> {
+    fn render(&self) -> Film {
+        match self {
+            Ready::Reference(renderer, settings) => renderer.render(settings),
+            Ready::Fast(renderer) => renderer.render(),
+        }
+    }
+
+    fn sights(&self) -> Vec<Option<reference::Sight>> {
+        match self {
+            Ready::Reference(renderer, _) => renderer.sights(),
+            Ready::Fast(renderer) => renderer.sights(),
+        }
     }
 }
 

@@ -2,11 +2,11 @@
 
 use crate::elastomer::{ElastomerCapture, Pad, Surface};
 use crate::image;
-use crate::optics::imager::{Background, Imager};
+use crate::optics::Error;
+use crate::optics::imager::{Background, Imager, Method};
 use crate::optics::sensor::SensorOptics;
 use crate::optics::sensor_scene::texture_coordinate;
 use crate::optics::surface::DisplacedSurface;
-use crate::optics::{Error, reference};
 use std::time::{Duration, Instant};
 
 /// The camera's side of a twin.
@@ -15,7 +15,7 @@ pub struct View {
     /// The sensor.
     pub sensor: SensorOptics,
     /// How pictures are made.
-    pub settings: reference::Settings,
+    pub method: Method,
 }
 
 /// The sensor with its pad wearing a picture of itself untouched (or nothing).
@@ -62,7 +62,7 @@ impl View {
             rgb: &image.rgb,
         });
         let flat = DisplacedSurface::flat(2, 2, [pad.size_x_mm, pad.size_y_mm]);
-        Ok(Wear { imager: Imager::new(&self.sensor, self.settings, background, &flat)? })
+        Ok(Wear { imager: Imager::new(&self.sensor, self.method, background, &flat)? })
     }
 
     /// The picture of a deformed pad; `capture` numbers it, so that each has its own noise.
@@ -81,12 +81,18 @@ impl View {
 
     /// Name of the optics mode, for the record.
     pub fn mode_name(&self) -> &'static str {
-        "reference"
+        match self.method {
+            Method::Reference(_) => "reference",
+            Method::Fast { .. } => "fast",
+        }
     }
 
     /// Samples per pixel, where that is what was chosen.
     pub fn samples(&self) -> Option<u32> {
-        Some(self.settings.samples)
+        match self.method {
+            Method::Reference(settings) => Some(settings.samples),
+            Method::Fast { .. } => None,
+        }
     }
 
     /// Where the contact is in the picture, with a margin: what happens around a contact belongs to it.

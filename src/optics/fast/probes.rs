@@ -1,0 +1,176 @@
+//! Indirect irradiance above the untouched face, as a function of place and normal.
+//!
+//! At each node of a grid the radiance that arrives from everywhere is gathered once; the irradiance of a surface of any
+//! normal is then fitted by a quadratic polynomial in the normal (the span of spherical harmonics up to order 2, which
+//! hold all but 1 % of any irradiance: Ramamoorthi and Hanrahan 2001), best for the normals that pads have.
+
+use super::grid::{Grid, Layout};
+use super::radiosity::Radiosity;
+use super::world::World;
+use glam::{DVec3, Vec2, Vec3};
+
+/// Terms of the polynomial.
+pub const TERMS: usize = 9;
+/// Numbers a node holds: terms of three colours.
+pub const NUMBERS: usize = 3 * TERMS;
+/// Rays gathered at a node.
+const RAYS: usize = 4096;
+/// Steepest normals of the fit, and at which tilt their weight has fallen to a half, radians.
+const STEEPEST: f64 = 1.25;
+const HALF_WEIGHT: f64 = 0.35;
+/// How far above the untouched face the lowest nodes are, mm.
+const CLEARANCE_MM: f32 = 2e-3;
+
+/// The polynomial's terms.
+#[inline(always)]
+fn terms(n: Vec3) -> [f32; TERMS] {
+    [1.0, n.x, n.y, n.z, n.x * n.y, n.y * n.z, n.z * n.x, n.x * n.x - n.y * n.y, 3.0 * n.z * n.z - 1.0]
+}
+
+/// The irradiance of a normal from a node's numbers.
+#[inline(always)]
+pub fn irradiance(numbers: &[f32; NUMBERS], n: Vec3) -> Vec3 {
+    let t = terms(n);
+    let mut e = Vec3::ZERO;
+    for k in 0..TERMS {
+        e += Vec3::new(numbers[3 * k], numbers[3 * k + 1], numbers[3 * k + 2]) * t[k];
+    }
+    e.max(Vec3::ZERO)
+}
+
+/// Gathers the field over a rectangle.
+pub fn gather(
+    world: &World,
+    solved: &Radiosity,
+    layout: &Layout,
+    rest: impl Fn(Vec2) -> f32 + Sync,
+) -> Grid<NUMBERS> {
+    let directions = sphere(RAYS);
+    let kernel = kernel(&directions);
+    Grid::new(layout, rest, |point| {
+        let origin = point + Vec3::Z * CLEARANCE_MM;
+        let mut numbers = [0.0; NUMBERS];
+        for (direction, weights) in directions.iter().zip(&kernel) {
+            let Some(met) = world.trace(origin, *direction) else { continue };
+            let radiance = solved.radiance[met.element];
+            for k in 0..TERMS {
+                numbers[3 * k] += weights[k] * radiance.x;
+                numbers[3 * k + 1] += weights[k] * radiance.y;
+                numbers[3 * k + 2] += weights[k] * radiance.z;
+            }
+        }
+        numbers
+    })
+}
+
+/// Evenly spread directions (the Fibonacci lattice).
+fn sphere(n: usize) -> Vec<Vec3> {
+    let golden = std::f64::consts::TAU * 0.618_033_988_749_894_9;
+    (0..n)
+        .map(|i| {
+            let z = 1.0 - (2 * i + 1) as f64 / n as f64;
+            let (r, phi) = ((1.0 - z * z).sqrt(), golden * i as f64);
+            DVec3::new(r * phi.cos(), r * phi.sin(), z).as_vec3()
+        })
+        .collect()
+}
+
+/// What radiance 1 from each direction adds to each term: the least-squares fit, worked out once.
+fn kernel(directions: &[Vec3]) -> Vec<[f32; TERMS]> {
+    let mut normals = vec![(Vec3::Z, 1.0)];
+    for ring in 1..=8 {
+        let tilt = STEEPEST * f64::from(ring) / 8.0;
+        let weight = 1.0 / (1.0 + (tilt / HALF_WEIGHT).powi(2));
+        for k in 0..12 {
+            let phi = std::f64::consts::TAU * (f64::from(k) + 0.5 * f64::from(ring % 2)) / 12.0;
+            let n = DVec3::new(tilt.sin() * phi.cos(), tilt.sin() * phi.sin(), tilt.cos());
+            normals.push((n.as_vec3(), weight));
+        }
+    }
+    // (sum w t t^T) c = sum w t E(n): the matrix is inverted, the right side is linear in the radiances.
+    let mut matrix = [[0.0f64; TERMS]; TERMS];
+    for (n, w) in &normals {
+        let t = terms(*n);
+        for a in 0..TERMS {
+            for b in 0..TERMS {
+                matrix[a][b] += w * f64::from(t[a]) * f64::from(t[b]);
+            }
+        }
+    }
+    let inverse = invert(matrix);
+    let rows: Vec<[f64; TERMS]> = normals
+        .iter()
+        .map(|(n, w)| {
+            let t = terms(*n);
+            std::array::from_fn(|a| w * (0..TERMS).map(|b| inverse[a][b] * f64::from(t[b])).sum::<f64>())
+        })
+        .collect();
+    let solid_angle = 4.0 * std::f64::consts::PI / directions.len() as f64;
+    directions
+        .iter()
+        .map(|d| {
+            let mut out = [0.0; TERMS];
+            for ((n, _), row) in normals.iter().zip(&rows) {
+                let cos = f64::from(n.dot(*d).max(0.0)) * solid_angle;
+                for a in 0..TERMS {
+                    out[a] += row[a] * cos;
+                }
+            }
+            // Exact for the untouched face, which most of a picture shows.
+            let upright = terms(Vec3::Z);
+            let fitted: f64 = (0..TERMS).map(|a| out[a] * f64::from(upright[a])).sum();
+            out[0] += f64::from(d.z.max(0.0)) * solid_angle - fitted;
+            out.map(|v| v as f32)
+        })
+        .collect()
+}
+
+/// Gauss and Jordan with pivots; the matrix of the fit is positive definite.
+fn invert(mut m: [[f64; TERMS]; TERMS]) -> [[f64; TERMS]; TERMS] {
+    let mut inverse: [[f64; TERMS]; TERMS] =
+        std::array::from_fn(|a| std::array::from_fn(|b| if a == b { 1.0 } else { 0.0 }));
+    for k in 0..TERMS {
+        let pivot = (k..TERMS).max_by(|&a, &b| m[a][k].abs().total_cmp(&m[b][k].abs())).unwrap_or(k);
+        m.swap(k, pivot);
+        inverse.swap(k, pivot);
+        let scale = 1.0 / m[k][k];
+        for b in 0..TERMS {
+            m[k][b] *= scale;
+            inverse[k][b] *= scale;
+        }
+        for a in (0..TERMS).filter(|&a| a != k) {
+            let factor = m[a][k];
+            for b in 0..TERMS {
+                m[a][b] -= factor * m[k][b];
+                inverse[a][b] -= factor * inverse[k][b];
+            }
+        }
+    }
+    inverse
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_linear_sky_is_fitted_to_a_hundredth() {
+        // L = 1 + d.y + d.z/2 over the whole sphere: E = pi + (2 pi/3) (n.y + n.z/2).
+        let directions = sphere(RAYS);
+        let kernel = kernel(&directions);
+        let mut numbers = [0.0; NUMBERS];
+        for (d, w) in directions.iter().zip(&kernel) {
+            for k in 0..TERMS {
+                for c in 0..3 {
+                    numbers[3 * k + c] += w[k] * (1.0 + d.y + 0.5 * d.z);
+                }
+            }
+        }
+        for n in [Vec3::Z, Vec3::new(0.3, 0.4, 0.8), Vec3::new(-0.5, -0.1, 0.6)] {
+            let n = n.normalize();
+            let truth = std::f32::consts::PI * (1.0 + 2.0 / 3.0 * (n.y + 0.5 * n.z));
+            let e = irradiance(&numbers, n);
+            assert!((e.x / truth - 1.0).abs() < 0.002 && e.x == e.y, "{n} {e} {truth}");
+        }
+    }
+}
