@@ -281,10 +281,16 @@ impl LinkTask {
         if !output.bytes.is_empty() {
             self.pending.push_back(output.bytes);
         }
+        let mut answers = Vec::new();
         for event in output.events {
-            self.on_event(event, now);
+            answers.extend(self.on_event(event, now));
         }
+        // Whoever is answered must find the telemetry that led to the answer, on whatever thread it runs.
         self.publish();
+        for (done, outcome) in answers {
+            // The caller may have given up waiting.
+            let _ = done.send(outcome);
+        }
         output.wake.map(|at| Timestamp(at.0.max(now.0)))
     }
 
@@ -381,7 +387,8 @@ impl LinkTask {
         }
     }
 
-    fn on_event(&mut self, event: Event, now: Timestamp) {
+    /// Takes in an event; what a caller is to be told comes back.
+    fn on_event(&mut self, event: Event, now: Timestamp) -> Option<(oneshot::Sender<Outcome>, Outcome)> {
         match event {
             Event::Finished(ticket, outcome) => {
                 if let Some(at) = self.stop_tickets.iter().position(|t| *t == ticket) {
@@ -395,8 +402,7 @@ impl LinkTask {
                         }
                     }
                 } else if let Some(done) = self.waiting.remove(&ticket) {
-                    // The caller may have given up waiting.
-                    let _ = done.send(outcome);
+                    return Some((done, outcome));
                 }
             }
             Event::TrustLost(reason) => self.lost(reason),
@@ -417,6 +423,7 @@ impl LinkTask {
                 }
             }
         }
+        None
     }
 
     fn lost(&mut self, reason: String) {
