@@ -155,9 +155,15 @@ impl Collection<'_> {
                 let performed = part.session.run(&done_real).await;
                 let recorded = recording.await.map_err(|_| CollectionError::Vanished { part: "recorder" });
                 match (performed, recorded.and_then(|r| r)) {
-                    (Err(SessionError::NoReceiver), Err(why)) => Err(why),
-                    (Err(e), _) => Err(CollectionError::Session(e)),
-                    (Ok(()), recorded) => recorded,
+                    // A capture that was made but not stored is the worse news, whatever else happened.
+                    (performed, Err(why)) => {
+                        if let Err(e) = performed {
+                            tracing::warn!("the session ended as well: {e}");
+                        }
+                        Err(why)
+                    }
+                    (Err(e), Ok(())) => Err(CollectionError::Session(e)),
+                    (Ok(()), Ok(())) => Ok(()),
                 }
             }
         };

@@ -74,8 +74,13 @@ impl Simulation {
             let captures: Vec<u32> =
                 trajectory.waypoints_of(index as u32).iter().filter_map(|w| w.capture).collect();
             let due: BTreeSet<u32> = captures.iter().copied().filter(|c| wanted.contains(c)).collect();
-            while !captures.iter().all(|c| self.measured.borrow().contains(c)) {
-                if self.alone || self.ended(&self.measured) {
+            loop {
+                // Asked in this order: what came last is seen although the bench has ended since.
+                let ended = self.alone || self.ended(&self.measured);
+                if captures.iter().all(|c| self.measured.borrow().contains(c)) {
+                    break;
+                }
+                if ended {
                     return Ok(not_simulated);
                 }
                 std::thread::sleep(Duration::from_millis(20));

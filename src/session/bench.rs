@@ -101,8 +101,7 @@ impl Bench {
         let rest: Vec<_> = self.movers.keys().filter(|name| **name != press).cloned().collect();
         for name in std::iter::once(press).chain(rest) {
             self.check_stop()?;
-            let result = self.mover(&name).home().await;
-            self.unless_stopped(result)?;
+            self.mover(&name).home().await?;
         }
         Ok(())
     }
@@ -167,15 +166,38 @@ impl Bench {
         }
     }
 
-    /// Lifts the indenter straight up to a height; nothing else moves.
+    /// Lifts the indenter straight up to a height; nothing else moves, and no other device is asked: it
+    /// may be the one that failed. It lifts after a stop, too.
     pub async fn lift(&mut self, z_mm: f64, mm_s: f64) -> Result<(), BenchError> {
-        let (from, _) = self.measured().await?;
-        if from.z_mm >= z_mm {
+        let role = self.map.z.clone();
+        let mover = self.mover(&role.device);
+        let here = mover.position().await?.into_iter().find(|reading| reading.axis == role.axis);
+        if here.is_some_and(|reading| role.to_coordinate(reading.position) >= z_mm) {
             return Ok(());
         }
-        let role = self.map.z.clone();
         let target = [(role.axis.as_str(), role.to_axis(z_mm))];
-        Ok(self.mover(&role.device).move_to(&target, mm_s).await.map(drop)?)
+        Ok(mover.move_to(&target, mm_s).await.map(drop)?)
+    }
+
+    /// Waits until the stop of every device has come to its end: decelerated, held, acknowledged.
+    pub async fn come_to_rest(&mut self) {
+        for (name, mover) in &mut self.movers {
+            if let Err(e) = mover.position().await {
+                tracing::warn!("{name} after its stop: {e}");
+            }
+        }
+    }
+
+    /// Refuses a picture of which nobody knows where it was taken.
+    pub fn require_reference(&self) -> Result<(), BenchError> {
+        for (device, mover) in &self.movers {
+            if mover.reference() != Reference::Referenced {
+                let last = mover.link().telemetry().last_loss;
+                let reason = format!("{device}: {}", last.as_deref().unwrap_or("the link was lost"));
+                return Err(MoverError::PositionLost { reason }.into());
+            }
+        }
+        Ok(())
     }
 
     async fn go_sideways(&mut self, from: &Pose, to: &Pose, feeds: Feeds) -> Result<(), BenchError> {
@@ -213,8 +235,7 @@ impl Bench {
         for (device, targets) in by_device {
             self.check_stop()?;
             let targets: Vec<_> = targets.iter().map(|(role, t)| (role.axis.as_str(), *t)).collect();
-            let result = self.mover(&device).move_to(&targets, feed).await.map(drop);
-            self.unless_stopped(result)?;
+            self.mover(&device).move_to(&targets, feed).await?;
         }
         Ok(())
     }
@@ -242,7 +263,8 @@ impl Bench {
         }
     }
 
-    async fn fresh_frame(&mut self, within: Duration) -> Result<Frame, BenchError> {
+    /// The next frame exposed from now on.
+    pub async fn fresh_frame(&mut self, within: Duration) -> Result<Frame, BenchError> {
         let now = self.clock.now();
         tokio::select! {
             frame = self.camera.frame_after(now, within) => Ok(frame?),
@@ -254,16 +276,9 @@ impl Bench {
         self.movers.get_mut(device).expect("configuration refuses a motion role of an unknown device")
     }
 
-    fn check_stop(&self) -> Result<(), BenchError> {
+    /// Refuses to go on once somebody has raised the switch.
+    pub fn check_stop(&self) -> Result<(), BenchError> {
         if self.stop.is_raised() { Err(BenchError::Stopped) } else { Ok(()) }
-    }
-
-    /// A mover that was interrupted by the switch reports its own error; the cause is the switch.
-    fn unless_stopped(&self, result: Result<(), MoverError>) -> Result<(), BenchError> {
-        match result {
-            Err(_) if self.stop.is_raised() => Err(BenchError::Stopped),
-            other => Ok(other?),
-        }
     }
 }
 

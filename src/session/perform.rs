@@ -84,6 +84,16 @@ impl SessionError {
                 | SessionError::TouchOff { source: TouchOffError::Bench(BenchError::Stopped), .. }
         )
     }
+
+    /// A mover that the switch interrupted tells it in its own words; the cause is the switch.
+    fn unless_stopped(self, bench: &Bench) -> SessionError {
+        let of_a_mover = matches!(
+            self,
+            SessionError::Bench(BenchError::Mover(_))
+                | SessionError::TouchOff { source: TouchOffError::Bench(BenchError::Mover(_)), .. }
+        );
+        if of_a_mover && bench.stop.is_raised() { BenchError::Stopped.into() } else { self }
+    }
 }
 
 /// One run over a trajectory.
@@ -105,17 +115,27 @@ pub struct Session<'a> {
 impl Session<'_> {
     /// Performs every capture that is not `done`. Ends retracted, or says why it could not.
     pub async fn run(mut self, done: &BTreeSet<u32>) -> Result<(), SessionError> {
-        let result = self.perform(done).await;
+        let result = self.perform(done).await.map_err(|e| e.unless_stopped(self.bench));
         if result.is_err() {
             // Whatever failed, the other device may still be moving.
             self.bench.stop.raise(StopLevel::Controlled);
         }
-        let retracted = self.retract().await;
-        match (result, retracted) {
-            (Err(first), _) => Err(first),
-            (Ok(()), Err(late)) => Err(late),
-            (Ok(()), Ok(())) => Ok(()),
+        let mut retracted = self.retract().await;
+        if result.is_ok() && retracted.is_err() {
+            // Interrupted on the way up: stop like everybody else, then go on up.
+            retracted = retracted.map_err(|e| e.unless_stopped(self.bench));
+            self.bench.stop.raise(StopLevel::Controlled);
+            if let Err(e) = self.retract().await {
+                tracing::warn!("the arm could not be retracted: {e}");
+            }
         }
+        if result.is_err() || retracted.is_err() {
+            self.bench.come_to_rest().await;
+        }
+        if let (Err(_), Err(e)) = (&result, &retracted) {
+            tracing::warn!("the arm could not be retracted: {e}");
+        }
+        result.and(retracted)
     }
 
     async fn perform(&mut self, done: &BTreeSet<u32>) -> Result<(), SessionError> {
@@ -126,13 +146,9 @@ impl Session<'_> {
             self.bench.home().await?;
             self.tell(Event::Homed).await?;
         }
-        self.bench.lift(self.settings.clearance_mm, self.settings.travel.mm_s).await?;
+        self.lift().await?;
         for _ in 0..self.settings.warmup_frames {
-            self.bench
-                .camera
-                .frame_after(self.bench.clock.now(), self.settings.frame_within)
-                .await
-                .map_err(BenchError::from)?;
+            self.bench.fresh_frame(self.settings.frame_within).await?;
         }
 
         let mut mounted: Option<String> = None;
@@ -147,9 +163,11 @@ impl Session<'_> {
             // Mount, photograph the untouched sensor, find the contact.
             let changed = mounted.as_deref() != Some(episode.indenter.as_str());
             if changed {
-                self.bench.lift(self.settings.clearance_mm, self.settings.travel.mm_s).await?;
-                if !(self.operator)(&episode.indenter).await {
-                    return Err(SessionError::NotMounted { indenter: episode.indenter.clone() });
+                self.lift().await?;
+                self.ask_to_mount(&episode.indenter).await?;
+                if mounted.is_some() {
+                    // No two mountings are equally high.
+                    self.contact_zero_mm.remove(&episode.indenter);
                 }
                 mounted = Some(episode.indenter.clone());
                 self.tell(Event::Mounted { indenter: episode.indenter.clone() }).await?;
@@ -173,12 +191,31 @@ impl Session<'_> {
         Ok(())
     }
 
+    /// Up to where sideways travel is safe.
+    async fn lift(&mut self) -> Result<(), SessionError> {
+        self.bench.check_stop()?;
+        Ok(self.bench.lift(self.settings.clearance_mm, self.settings.travel.mm_s).await?)
+    }
+
+    /// Waits for whoever is at the bench, but not longer than until the switch is raised.
+    async fn ask_to_mount(&mut self, indenter: &str) -> Result<(), SessionError> {
+        let stop = self.bench.stop.clone();
+        tokio::select! {
+            biased;
+            () = stop.raised_to(StopLevel::Controlled) => Err(BenchError::Stopped.into()),
+            done = (self.operator)(indenter) => match done {
+                true => Ok(()),
+                false => Err(SessionError::NotMounted { indenter: indenter.to_owned() }),
+            },
+        }
+    }
+
     async fn take_background(
         &mut self,
         indenter: &str,
         backgrounds: &mut Backgrounds,
     ) -> Result<(), SessionError> {
-        self.bench.lift(self.settings.clearance_mm, self.settings.travel.mm_s).await?;
+        self.lift().await?;
         let (frame, _) = self.bench.still_frame(self.settings.still_rms, self.settings.frame_within).await?;
         let first = backgrounds.first.get_or_insert_with(|| frame.clone());
         backgrounds.drift_rms = rms_difference(first, &frame);
@@ -201,10 +238,12 @@ impl Session<'_> {
             return Ok(self.settings.given_zero_mm);
         };
         let over = self.trajectory.waypoints_of(episode)[0].pose;
-        let contact = find_contact(self.bench, &over, background, settings, self.settings.still_rms)
+        let travel = self.settings.travel;
+        self.bench.go(&Pose { z_mm: self.settings.clearance_mm, ..over }, travel).await?;
+        let contact = find_contact(self.bench, &over, background, settings, travel, self.settings.still_rms)
             .await
             .map_err(|source| SessionError::TouchOff { indenter: indenter.to_owned(), source })?;
-        self.bench.lift(self.settings.clearance_mm, self.settings.travel.mm_s).await?;
+        self.lift().await?;
         self.contact_zero_mm.insert(indenter.to_owned(), contact.zero_mm);
         let (contact_zero_mm, frame) = (contact.zero_mm, contact.frame);
         self.tell(Event::Touched { indenter: indenter.to_owned(), contact_zero_mm, frame }).await?;
@@ -223,10 +262,13 @@ impl Session<'_> {
             self.bench.still_frame(self.settings.still_rms, self.settings.frame_within).await?;
         let settle = frame.stamp.exposed_at.since(settled_at);
         let (at, positions) = self.bench.measured().await?;
+        self.bench.require_reference()?;
         let measured = Pose { z_mm: at.z_mm - zero_mm, ..at };
         let nominal = Pose { z_mm: commanded.z_mm + zero_mm, ..*commanded };
-        let departed = commanded.distance_mm(&measured) > self.settings.departure
-            || (commanded.theta_deg - measured.theta_deg).abs() > self.settings.departure;
+        // What cannot be compared is not within.
+        let within = |off: f64| off <= self.settings.departure;
+        let departed = !(within(commanded.distance_mm(&measured))
+            && within((commanded.theta_deg - measured.theta_deg).abs()));
         let utc = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let real = RealCapture {
             capture,

@@ -1,7 +1,8 @@
 //! Stopping: one switch that reaches every mover without waiting for any queue.
 //!
-//! Raising the switch calls each mover's stop in turn, on the caller's thread, before anything else
-//! happens; a port that is dead delays no other. Then everybody who awaits the switch wakes up.
+//! Raising the switch calls each mover's stop in turn, on the caller's thread; a port that is dead
+//! delays no other. The level is up before the first of these calls, so that nobody who sees a stopped
+//! mover takes it for one that may go on.
 
 use std::sync::{Arc, Mutex};
 use tokio::sync::watch;
@@ -48,22 +49,27 @@ impl StopSwitch {
 
     /// Adds a mover. If the switch is already up, the mover is stopped at once.
     pub fn register(&self, device: &str, stop: StopAction) {
+        let mut actions = self.actions.lock().unwrap_or_else(|e| e.into_inner());
         let level = self.level();
         if level > StopLevel::Running {
             stop(level);
         }
-        self.actions.lock().unwrap_or_else(|e| e.into_inner()).push((device.to_owned(), stop));
+        actions.push((device.to_owned(), stop));
     }
 
     /// Raises the switch; it can only go up. Every mover's stop has been called on return.
     pub fn raise(&self, level: StopLevel) {
-        if level <= self.level() {
+        let higher = |now: &mut StopLevel| {
+            let rises = level > *now;
+            *now = level.max(*now);
+            rises
+        };
+        if !self.level.send_if_modified(higher) {
             return;
         }
         for (_, stop) in self.actions.lock().unwrap_or_else(|e| e.into_inner()).iter() {
             stop(level);
         }
-        self.level.send_replace(level);
     }
 
     /// How hard it is being stopped now.

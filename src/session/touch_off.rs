@@ -72,57 +72,65 @@ pub enum TouchOffError {
 /// How long a picture may take to come to rest.
 const STILL_WITHIN: Duration = Duration::from_secs(5);
 
-/// Finds the contact below (x, y) of `over`. The indenter is left at the contact.
+/// Finds the contact below (x, y) of `over`, where the indenter hovers; what travel is left to the first
+/// look goes at the feeds of `travel`. The indenter is left at the contact.
 pub async fn find_contact(
     bench: &mut Bench,
     over: &Pose,
     background: &Frame,
     settings: &TouchOffSettings,
+    travel: Feeds,
     still_rms: f64,
 ) -> Result<Contact, TouchOffError> {
-    let feeds = Feeds { mm_s: settings.feed_mm_s, deg_s: f64::INFINITY };
-    let at = |z_mm: f64| Pose { z_mm, ..*over };
+    let feeds = Feeds { mm_s: settings.feed_mm_s, ..travel };
+    let search = Search { over: *over, background, settings, feeds, still_rms };
 
-    bench.go(&at(settings.start_mm), feeds).await?;
-    let (frame, _) = bench.still_frame(still_rms, STILL_WITHIN).await?;
-    let change = largest_block_change(background, &frame);
+    bench.go(&Pose { z_mm: settings.start_mm, ..*over }, travel).await?;
+    let (_, change) = search.look(bench).await?;
     if change > settings.threshold {
         let (threshold, height_mm) = (settings.threshold, settings.start_mm);
         return Err(TouchOffError::AlreadyDifferent { change, threshold, height_mm });
     }
 
     // Coarse descent, then again from one step higher in fine steps.
-    let coarse =
-        descend(bench, over, background, settings, settings.start_mm, settings.step_mm, still_rms).await?;
+    let coarse = search.descend(bench, settings.start_mm, settings.step_mm).await?;
     let back = coarse.zero_mm + settings.step_mm;
-    bench.go(&at(back), feeds).await?;
-    descend(bench, over, background, settings, back, settings.step_mm / 10.0, still_rms).await
+    bench.go(&Pose { z_mm: back, ..*over }, feeds).await?;
+    search.descend(bench, back, settings.step_mm / 10.0).await
 }
 
-async fn descend(
-    bench: &mut Bench,
-    over: &Pose,
-    background: &Frame,
-    settings: &TouchOffSettings,
-    from_mm: f64,
-    step_mm: f64,
+struct Search<'a> {
+    over: Pose,
+    background: &'a Frame,
+    settings: &'a TouchOffSettings,
+    feeds: Feeds,
     still_rms: f64,
-) -> Result<Contact, TouchOffError> {
-    let feeds = Feeds { mm_s: settings.feed_mm_s, deg_s: f64::INFINITY };
-    let mut largest = 0.0_f64;
-    let steps = ((from_mm + settings.max_depth_mm) / step_mm).floor() as u64;
-    for k in 1..=steps {
-        let z_mm = from_mm - k as f64 * step_mm;
-        bench.go(&Pose { z_mm, ..*over }, feeds).await?;
-        let (frame, _) = bench.still_frame(still_rms, STILL_WITHIN).await?;
-        let change = largest_block_change(background, &frame);
-        largest = largest.max(change);
-        if change > settings.threshold {
-            return Ok(Contact { zero_mm: z_mm, frame, change });
-        }
+}
+
+impl Search<'_> {
+    /// A still frame and how much it differs from the background.
+    async fn look(&self, bench: &mut Bench) -> Result<(Frame, f64), TouchOffError> {
+        let (frame, _) = bench.still_frame(self.still_rms, STILL_WITHIN).await?;
+        let change = largest_block_change(self.background, &frame);
+        Ok((frame, change))
     }
-    let (deepest_mm, threshold) = (settings.max_depth_mm, settings.threshold);
-    Err(TouchOffError::NotFound { deepest_mm, change: largest, threshold })
+
+    async fn descend(&self, bench: &mut Bench, from_mm: f64, step_mm: f64) -> Result<Contact, TouchOffError> {
+        let TouchOffSettings { max_depth_mm, threshold, .. } = *self.settings;
+        let mut largest = 0.0_f64;
+        // A whole number of steps is not lost to rounding.
+        let steps = ((from_mm + max_depth_mm) / step_mm + 1e-6).floor() as u64;
+        for k in 1..=steps {
+            let z_mm = from_mm - k as f64 * step_mm;
+            bench.go(&Pose { z_mm, ..self.over }, self.feeds).await?;
+            let (frame, change) = self.look(bench).await?;
+            largest = largest.max(change);
+            if change > threshold {
+                return Ok(Contact { zero_mm: z_mm, frame, change });
+            }
+        }
+        Err(TouchOffError::NotFound { deepest_mm: max_depth_mm, change: largest, threshold })
+    }
 }
 
 /// Side of a block, pixels: a contact of a few tenths of a millimetre fills one.
