@@ -253,11 +253,6 @@ impl TestBench {
         self.struck_at.lock().unwrap().expect("a fault was planned")
     }
 
-    /// Whether a fault has struck a device.
-    pub fn has_struck(&self, device: &str) -> bool {
-        with(&self.devices[device], |d| !d.struck().is_empty())
-    }
-
     /// Everything that was sent to a device, as text.
     pub fn sent(&self, device: &str) -> String {
         String::from_utf8_lossy(&self.sent[device].0.lock().unwrap()).into_owned()

@@ -189,55 +189,6 @@ async fn a_stop_at_any_time_is_a_stop_and_nothing_moves_sideways_after_it() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_fault_of_either_device_ends_in_an_error_or_in_the_truth() {
-    let faults = [
-        FaultKind::Reset,
-        FaultKind::Alarm,
-        FaultKind::Garble { mask: 0x84 },
-        FaultKind::Noise(vec![0xff, 0x00, b'o', b'k', b'\n']),
-        FaultKind::Lose,
-        FaultKind::Mute(None),
-        FaultKind::Mute(Some(Duration::from_millis(1500))),
-        FaultKind::Unplug,
-    ];
-    let mut refused = BTreeMap::<&str, u32>::new();
-    for device in ["arm", "stage"] {
-        for what in &faults {
-            // Steps that a Marlin loses at a collision are told to nobody: no client can see them.
-            if device == "arm" && *what == FaultKind::Alarm {
-                continue;
-            }
-            // At rest before the capture, in the slide, in the press of the second episode.
-            for after_ms in [50, 700, 4300] {
-                let mut b = TestBench::new(&slip()).await.unwrap();
-                let struck = b.strike_after_capture(0, device, what.clone(), after_ms);
-                let (result, events) = b.run_with(&BTreeSet::new(), struck).await;
-                let tried = format!("{} of {device} after {after_ms} ms", what.name());
-                assert!(b.has_struck(device), "{tried}: {:?}", names(&events));
-                assert_proven(&b, &events);
-                let other = if device == "arm" { "stage" } else { "arm" };
-                match result {
-                    Ok(()) => assert_eq!(captures(&events).len(), 6, "{tried}"),
-                    Err(e) => {
-                        assert!(!e.is_stop(), "{tried}: a fault is not a stop");
-                        assert!(matches!(e, SessionError::Bench(BenchError::Mover(_))), "{tried}: {e:?}");
-                        let stopped = if other == "arm" { "M410" } else { "!" };
-                        assert!(b.sent(other).contains(stopped), "{tried}: the {other} was not stopped");
-                        *refused.entry(what.name()).or_default() += 1;
-                    }
-                }
-                if !matches!(what, FaultKind::Unplug | FaultKind::Mute(_)) {
-                    b.assert_at_rest_from_now_on().await;
-                }
-            }
-        }
-    }
-    for always in ["reset", "unplug"] {
-        assert_eq!(refused.get(always), Some(&6), "{refused:?}");
-    }
-}
-
-#[tokio::test(start_paused = true)]
 async fn a_lost_stage_does_not_keep_a_trusted_arm_down() {
     // The arm is a GRBL here, so that its stop keeps the position.
     let mut b = TestBench::new(&pressed_by_grbl()).await.unwrap();
