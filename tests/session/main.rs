@@ -7,7 +7,7 @@
 mod bench_over_pipes;
 
 use bench_over_pipes::{TestBench, press, pressed_by_grbl, slip, touching};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::time::Duration;
 use twinrig::device::camera::CameraError;
 use twinrig::device::mover::{MoverError, Reference};
