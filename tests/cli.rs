@@ -1,0 +1,266 @@
+//! The program itself, as a shell or a script meets it: what it prints, how it ends, what it leaves.
+//!
+//! Runs on the virtual bench at high speed with a picture of a few pixels; what is tested is the process,
+//! its signals and its files, not the physics.
+
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+const VIRTUAL: &str = "rig_configs/virtual.toml";
+const SMALL: &str = "rig_configs/plans/small.toml";
+/// A picture that costs nothing.
+const CHEAP: [&str; 5] = [
+    "optics.samples=1",
+    "elastomer.tolerance=0.05",
+    "sensor.optics.camera.width_px=96",
+    "sensor.optics.camera.height_px=72",
+    "sensor.optics.camera.mm_per_px=0.1875",
+];
+
+fn twinrig(args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_twinrig"));
+    command.args(args).current_dir(env!("CARGO_MANIFEST_DIR")).env("NO_COLOR", "1").env("COLUMNS", "100");
+    command.env_remove("TWINRIG_LOG").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn run(args: &[&str]) -> Output {
+    twinrig(args).output().expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// The small plan into a folder; `speed` and more arguments as given.
+fn collect(out: &Path, speed: &str, more: &[&str]) -> Command {
+    let mut args = vec!["collect", VIRTUAL, SMALL, "--speed", speed, "--out", out.to_str().expect("a path")];
+    for set in CHEAP {
+        args.extend(["--set", set]);
+    }
+    args.extend(more);
+    twinrig(&args)
+}
+
+fn verified(out: &Path) -> serde_json::Value {
+    let output = run(&["verify", out.to_str().expect("a path"), "--json"]);
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|e| panic!("{e}: {}", text(&output.stderr)))
+}
+
+fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+    let begun = Instant::now();
+    loop {
+        if let Some(found) = look() {
+            return found;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(60), "waited in vain for {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn ends(child: &mut Child) -> std::process::ExitStatus {
+    wait_for("the end of the program", || child.try_wait().expect("a child"))
+}
+
+fn send(signal: &str, child: &Child) {
+    let pid = child.id().to_string();
+    let sent = Command::new("kill").args(["-s", signal, &pid]).status().expect("kill starts");
+    assert!(sent.success(), "{signal}");
+}
+
+/// Lines of the real side's journal.
+fn real_lines(out: &Path) -> usize {
+    let journal = std::fs::read_to_string(out.join("journal/real.ndjson")).unwrap_or_default();
+    journal.matches('\n').count()
+}
+
+#[test]
+fn every_subcommand_explains_itself_with_an_example() {
+    let commands = [
+        "collect", "check", "simulate", "drive", "devices", "home", "move", "capture", "verify", "report",
+        "emulate", "render",
+    ];
+    let overview = text(&run(&["--help"]).stdout);
+    for command in commands {
+        assert!(overview.contains(&format!("\n  {command} ")), "{command} is not in the overview");
+        let output = run(&[command, "--help"]);
+        let help = text(&output.stdout);
+        assert!(output.status.success(), "{command}");
+        let (_, examples) = help.split_once("Example").unwrap_or_else(|| panic!("{command}: {help}"));
+        assert!(examples.contains(&format!("twinrig {command} ")) || command == "devices", "{help}");
+        assert!(examples.contains(&format!("twinrig {command}")), "{help}");
+    }
+    assert!(overview.contains("Exit codes: 0 done, 1 failed"), "{overview}");
+}
+
+#[test]
+fn check_prints_the_expansion_and_refuses_what_is_unsafe() {
+    let output = run(&["check", VIRTUAL, SMALL]);
+    assert_eq!(output.status.code(), Some(0));
+    let printed = text(&output.stdout);
+    let lines: Vec<&str> = printed.lines().collect();
+    // The time, the disk and the hash follow the shipped feeds and cameras: they have tests of their own.
+    let golden = [
+        "rig: virtual bench (virtual)",
+        "sensor: gelsight",
+        "plan: small (press)",
+        "expansion: 1 indenter, 1 location, 4 depths from 0 to 0.9 mm",
+        "indenters: sphere",
+        "episodes: 1",
+        "captures: 4",
+        "contact: given, 0 mm above nominal",
+        "everything is in order; nothing was moved",
+    ];
+    for line in golden {
+        assert!(lines.contains(&line), "{line:?} is missing in\n{printed}");
+    }
+    assert!(lines.iter().filter(|l| l.starts_with("axis ")).count() == 4, "{printed}");
+
+    let unsafe_plan = run(&["check", VIRTUAL, SMALL, "--set", "motion.z.origin=59.5"]);
+    assert_eq!(unsafe_plan.status.code(), Some(2));
+    let said = text(&unsafe_plan.stderr);
+    assert!(said.contains("arm") && said.contains("60"), "{said}");
+}
+
+#[test]
+fn what_is_wrong_is_refused_with_code_2_and_nothing_is_made() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("set");
+    let out_text = out.to_str().expect("a path");
+    let cases: [(&[&str], &str); 8] = [
+        (&["frobnicate"], "frobnicate"),
+        (&["collect", VIRTUAL, SMALL], "--out"),
+        (&["collect", VIRTUAL, SMALL, "--out", out_text, "--speed", "0"], "0.1 to 1000"),
+        (&["collect", VIRTUAL, "no_such_plan.toml", "--out", out_text], "no_such_plan.toml"),
+        (&["collect", VIRTUAL, SMALL, "--out", out_text, "--set", "optics.sampels=1"], "samples"),
+        (&["collect", VIRTUAL, SMALL, "--out", out_text, "--real-only", "--sim-only"], "--sim-only"),
+        (
+            &[
+                "collect",
+                "rig_configs/skin_marlin_grbl.toml",
+                "rig_configs/plans/slip.toml",
+                "--out",
+                out_text,
+            ],
+            "--yes",
+        ),
+        (&["verify", out_text], "set"),
+    ];
+    for (args, says) in cases {
+        let output = run(args);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{args:?}: {said}");
+        assert!(said.contains(says), "{args:?}: {said}");
+        assert!(!out.exists(), "{args:?} made a folder");
+    }
+    // No port: a run-time failure that names the port.
+    let output = run(&["home", "rig_configs/gelsight_printer.toml"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(text(&output.stderr).contains("device"), "{}", text(&output.stderr));
+}
+
+#[test]
+fn a_dry_run_prints_the_bytes_and_touches_nothing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("set");
+    let output = collect(&out, "1", &["--dry-run"]).output().expect("starts");
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let printed = text(&output.stdout);
+    for z in ["Z40.3", "Z40.6", "Z40.9"] {
+        assert!(printed.lines().any(|l| l.contains("press") && l.contains(z)), "{z}:\n{printed}");
+    }
+    assert!(printed.contains("capture 3"), "{printed}");
+    assert!(!out.exists());
+}
+
+#[test]
+fn an_emulator_answers_other_peoples_clients() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let link = folder.path().join("stage");
+    let mut child = twinrig(&["emulate", "grbl", "--link", link.to_str().expect("a path"), "--speed", "10"])
+        .spawn()
+        .expect("starts");
+    wait_for("the link", || link.exists().then_some(()));
+    let mut port = std::fs::OpenOptions::new().read(true).write(true).open(&link).expect("the port opens");
+    port.write_all(b"$I\n").expect("writes");
+    let mut said = Vec::new();
+    let mut byte = [0u8];
+    while !text(&said).contains("ok\r\n") {
+        assert_eq!(port.read(&mut byte).expect("reads"), 1);
+        said.push(byte[0]);
+        assert!(said.len() < 4096, "{}", text(&said));
+    }
+    assert!(text(&said).contains("[VER:1.1h"), "{}", text(&said));
+    drop(port);
+    send("TERM", &child);
+    assert_eq!(ends(&mut child).code(), Some(0), "a signal is an emulator's proper end");
+}
+
+#[test]
+fn killed_in_mid_run_and_resumed_nothing_is_lost_or_doubled() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("set");
+    let mut child = collect(&out, "15", &[]).spawn().expect("starts");
+    wait_for("the second capture", || (real_lines(&out) >= 2).then_some(()));
+    child.kill().expect("SIGKILL");
+    child.wait().expect("ends");
+    let before = std::fs::read_to_string(out.join("journal/real.ndjson")).expect("a journal");
+
+    let refused = collect(&out, "50", &[]).output().expect("starts");
+    assert_eq!(refused.status.code(), Some(2), "without --resume it is refused");
+    assert!(text(&refused.stderr).contains("--resume"), "{}", text(&refused.stderr));
+
+    let resumed = collect(&out, "50", &["--resume", "--json"]).output().expect("starts");
+    assert_eq!(resumed.status.code(), Some(0), "{}", text(&resumed.stderr));
+    let summary: serde_json::Value = serde_json::from_slice(&resumed.stdout).expect("JSON");
+    assert_eq!(
+        (&summary["real"], &summary["simulated"], &summary["pairs"]),
+        (&4.into(), &4.into(), &4.into())
+    );
+    let found = verified(&out);
+    assert_eq!(found["findings"], serde_json::json!([]));
+    assert_eq!(found["rows"], 4);
+    let after = std::fs::read_to_string(out.join("journal/real.ndjson")).expect("a journal");
+    let whole = before.rfind('\n').map_or("", |end| &before[..=end]);
+    assert!(after.starts_with(whole), "what was there is not written again");
+    assert_eq!(real_lines(&out), 4);
+    assert!(std::fs::metadata(out.join("report.html")).expect("a report").len() > 1000);
+}
+
+#[test]
+fn a_signal_ends_it_with_its_code_and_a_dataset_that_resumes() {
+    for (signal, code) in [("INT", 130), ("TERM", 143)] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out: PathBuf = folder.path().join("set");
+        let mut child = collect(&out, "15", &["--real-only"]).spawn().expect("starts");
+        wait_for("the first capture", || (real_lines(&out) >= 1).then_some(()));
+        send(signal, &child);
+        let status = ends(&mut child);
+        let mut said = String::new();
+        child.stderr.take().expect("piped").read_to_string(&mut said).expect("text");
+        assert_eq!(status.code(), Some(code), "{signal}: {said}");
+        assert!(said.contains("stopping"), "{said}");
+        let done = real_lines(&out);
+        assert!(done < 4, "{signal} came too late");
+        assert_eq!(verified(&out)["real"], done, "{signal}: {said}");
+        let resumed = collect(&out, "50", &["--real-only", "--resume"]).output().expect("starts");
+        assert_eq!(resumed.status.code(), Some(0), "{}", text(&resumed.stderr));
+        assert_eq!(real_lines(&out), 4, "{signal}");
+    }
+}
+
+#[test]
+fn a_dataset_of_another_plan_is_refused_and_left_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("set");
+    let first = collect(&out, "100", &["--real-only"]).output().expect("starts");
+    assert_eq!(first.status.code(), Some(0), "{}", text(&first.stderr));
+    let other = collect(&out, "100", &["--real-only", "--resume", "--set", "plan.depths.list_mm=[0.2]"])
+        .output()
+        .expect("starts");
+    assert_eq!(other.status.code(), Some(2), "{}", text(&other.stderr));
+    assert!(text(&other.stderr).contains("another"), "{}", text(&other.stderr));
+    assert_eq!(verified(&out)["real"], 4);
+}
