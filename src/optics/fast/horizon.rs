@@ -275,10 +275,10 @@ mod tests {
         };
         let panel = Panel::new(light(2.0));
         assert!(panel.normal.x < 0.0);
-        // From x = 0 the ridge of height 1, whose near edge is at 1.8, hides the light up to 5.
+        // From x = 0 the ridge of height 1, whose near edge is at 1.8, hides the light up to 5; a cell further, to 4.8.
         let e = heights.irradiance(Vec3::ZERO, Vec3::Z, &panel);
-        let truth = crate::optics::irradiance::polygon(Vec3::ZERO, Vec3::Z, &light(5.0));
-        assert!((e / truth - 1.0).abs() < 0.1, "{e} {truth}");
+        let truth = |low| crate::optics::irradiance::polygon(Vec3::ZERO, Vec3::Z, &light(low));
+        assert!(e > 0.95 * truth(5.0) && e < truth(4.8), "{e} {} {}", truth(5.0), truth(4.8));
         let doubts = heights.doubts(std::slice::from_ref(&panel));
         assert!(doubts[heights.coarse_cell(Vec2::ZERO)]);
         assert!(!doubts[heights.coarse_cell(Vec2::new(5.0, 0.0))]);
