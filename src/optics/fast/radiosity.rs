@@ -10,7 +10,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::{FRAC_1_PI, TAU};
 
-/// Rays of an element (found by experiment; their errors average out over the many elements a probe sees).
+/// Rays of an element; their errors average out over the many elements that a probe sees.
 const RAYS: u32 = 256;
 /// Points at which an element's direct light is taken.
 const POINTS: u32 = 16;
