@@ -128,7 +128,7 @@ impl Default for SessionTable {
             frame_within_ms: 5000,
             warmup_frames: 5,
             background_every: 0,
-            touch_threshold: 4.0,
+            touch_threshold: 1.5,
             touch_feed_mm_s: 1.0,
             departure: 0.05,
         }

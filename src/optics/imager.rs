@@ -154,8 +154,12 @@ impl Imager {
 
     fn renderer(&self, scene: &Scene) -> Result<Ready<'_>, Error> {
         Ok(match &self.engine {
-            Engine::Reference(settings) => Ready::Reference(reference::Renderer::new(scene)?, *settings),
-            Engine::Fast(once, tolerance) => Ready::Fast(fast::Renderer::new(once, scene, *tolerance)?),
+            Engine::Reference(settings) => {
+                Ready::Reference(Box::new(reference::Renderer::new(scene)?), *settings)
+            }
+            Engine::Fast(once, tolerance) => {
+                Ready::Fast(Box::new(fast::Renderer::new(once, scene, *tolerance)?))
+            }
         })
     }
 
@@ -193,8 +197,8 @@ enum Engine {
 
 /// A renderer with its settings.
 enum Ready<'a> {
-    Reference(reference::Renderer, reference::Settings),
-    Fast(fast::Renderer<'a>),
+    Reference(Box<reference::Renderer>, reference::Settings),
+    Fast(Box<fast::Renderer<'a>>),
 }
 
 impl Ready<'_> {

@@ -48,8 +48,8 @@ impl Estimate {
     }
 }
 
-/// Bytes a pixel of one capture: a noisy PNG, a smooth PNG, and a float TIFF. Found by compressing
-/// camera noise of one code value and simulated depth maps, then rounded up.
+/// Bytes a pixel of one capture: a noisy PNG, a smooth PNG, and a float TIFF, taken from what sessions on the
+/// virtual bench wrote and rounded up.
 const BYTES_PER_PIXEL: u64 = 2 + 2 + 3;
 
 /// Journals, Parquet and thumbnails of the report, a capture.

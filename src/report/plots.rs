@@ -64,7 +64,8 @@ pub fn sections(facts: &Facts) -> String {
 /// Scores and forces over what the plan varies.
 fn along(shots: &[&Shot], axis: &str, x: fn(&Shot) -> f64) -> String {
     let mut text = String::new();
-    let score: [(&str, fn(&Shot, bool) -> Option<f64>); 3] = [
+    type Score = fn(&Shot, bool) -> Option<f64>;
+    let score: [(&str, Score); 3] = [
         ("PSNR at the contact, dB", |s, null| pick(s, null).map(|m| m.psnr_db)),
         ("SSIM at the contact", |s, null| pick(s, null).map(|m| m.ssim)),
         ("MSE at the contact", |s, null| pick(s, null).map(|m| m.mse)),
@@ -75,7 +76,8 @@ fn along(shots: &[&Shot], axis: &str, x: fn(&Shot) -> f64) -> String {
         text +=
             &figure(title, "Solid: simulation. Dashed: null predictor (untouched sensor).", axis, &series);
     }
-    let force: [(&str, fn(&Shot) -> Option<f64>); 3] = [
+    type Force = fn(&Shot) -> Option<f64>;
+    let force: [(&str, Force); 3] = [
         ("Simulated normal force, N", |s| s.sim.as_ref().map(|l| l.record.normal_force_n)),
         ("Simulated shear force along x, N", |s| s.sim.as_ref().map(|l| l.record.shear_force_n[0])),
         ("Simulated torque, N mm", |s| s.sim.as_ref().map(|l| l.record.torque_n_mm)),

@@ -173,7 +173,7 @@ impl Session<'_> {
                 self.tell(Event::Mounted { indenter: episode.indenter.clone() }).await?;
             }
             let every = self.settings.background_every;
-            if changed || (every > 0 && index % every == 0) {
+            if changed || (every > 0 && index.is_multiple_of(every)) {
                 self.take_background(&episode.indenter, &mut backgrounds).await?;
             }
             let zero_mm = self.contact_zero(index, &episode.indenter, &backgrounds).await?;

@@ -189,7 +189,7 @@ mod tests {
     #[test]
     fn a_dimmer_light_is_no_contact_but_a_small_spot_is() {
         let background = frame(|_, _| 100);
-        let noise = |x: usize, y: usize| if (x * 7 + y * 13) % 2 == 0 { 3 } else { 0 };
+        let noise = |x: usize, y: usize| if (x * 7 + y * 13).is_multiple_of(2) { 3 } else { 0 };
         let dimmer = frame(|x, y| 93 + noise(x, y));
         assert!(largest_block_change(&background, &dimmer) < 0.5);
         let spot =

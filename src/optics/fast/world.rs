@@ -81,7 +81,11 @@ impl World {
             };
             let albedo = match albedo {
                 Albedo::Constant(c) => *c,
-                Albedo::Texture(t) => t.mean(),
+                // Only the pad's own texture is drawn; in the light that walls exchange its mean stands for it.
+                Albedo::Texture(t) if surface.role == Role::Pad => t.mean(),
+                Albedo::Texture(_) => {
+                    return Err(super::unsupported("material", &surface.name, "walls of one colour"));
+                }
             };
             world.add(&surface.mesh, albedo, None);
         }
