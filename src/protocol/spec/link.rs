@@ -3,7 +3,7 @@
 use crate::protocol::checksum::ChecksumKind;
 use crate::protocol::template::Template;
 use crate::protocol::value::{Bytes, Fields, Pattern};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde::de::{Deserializer, Error as _};
 
 /// `[link]`.
@@ -323,7 +323,7 @@ pub struct FlowSpec {
 }
 
 /// How much may be in flight.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FlowMode {
     /// One command, then its reply.
