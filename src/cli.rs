@@ -19,6 +19,7 @@ mod move_to;
 mod options;
 mod protocol;
 mod render;
+mod replay;
 mod report;
 mod simulate;
 mod verify;
@@ -55,6 +56,7 @@ enum Command {
     Emulate(emulate::Args),
     Render(render::Args),
     Protocol(protocol::Args),
+    Replay(replay::Args),
 }
 
 /// Parses the arguments, runs the subcommand, and turns its ending into an exit code.
@@ -83,6 +85,7 @@ pub fn main() -> ExitCode {
             Command::Emulate(args) => args.run().await,
             Command::Render(args) => args.run(),
             Command::Protocol(args) => args.run(),
+            Command::Replay(args) => args.run(),
         }
     });
     // Blocking threads (a camera that hangs in its driver) must not keep the process alive.

@@ -16,6 +16,7 @@ impl Bench {
             name: (*name).to_owned(),
             wire: (*wire).to_owned(),
             counts_per_unit: Some(100.0),
+            accel: None,
         });
         let engine = Engine::new(shipped(protocol), axes.collect(), 1.0).unwrap();
         Bench { engine, now: Timestamp(1_000_000_000), events: Vec::new() }
@@ -437,6 +438,19 @@ fn zaber_replies_are_matched_by_id() {
     assert!(matches!(b.finished(t), Some(Ok(_))));
     let reading = b.engine.positions()[0].unwrap();
     assert_eq!((reading.value, reading.counts), (12.5, Some(crate::units::Steps(1250))));
+}
+
+/// Found by replaying sessions with faults: a wake that had passed made the link spin until the answer came.
+#[test]
+fn an_unanswered_question_wakes_nobody_in_the_meantime() {
+    let mut b = Bench::new("zaber_ascii", &[("slide", "1/1")]);
+    b.engine.submit(Request::Settle { stall: Duration::from_secs(3) });
+    b.out();
+    for _ in 0..20 {
+        b.pass_ms(60);
+        let wake = b.engine.poll(b.now).wake;
+        assert!(wake.is_some_and(|at| at > b.now), "{wake:?} at {:?}", b.now);
+    }
 }
 
 #[test]
