@@ -16,7 +16,7 @@ impl Bench {
             name: (*name).to_owned(),
             wire: (*wire).to_owned(),
             counts_per_unit: Some(100.0),
-            accel: None,
+            accel: Some(50.0),
         });
         let engine = Engine::new(shipped(protocol), axes.collect(), 1.0).unwrap();
         Bench { engine, now: Timestamp(1_000_000_000), events: Vec::new() }
@@ -497,7 +497,9 @@ fn say_hex(b: &mut Bench, digits: &str) {
 fn apt_arrival_is_asked_for_when_told_and_needs_no_message() {
     let mut b = Bench::new("thorlabs_apt", &[("spin", "80/1")]);
     b.engine.submit(go(&[(0, 1727.75)], 1.0));
-    assert_eq!(out_hex(&mut b), "53 04 06 00 d0 01 01 00 e7 a2 02 00");
+    // 100 counts a unit: 1 unit/s and 50 units/s2 are 2237 and 38 in the controller's time base.
+    let speed = "13 04 0e 00 d0 01 01 00 00 00 00 00 26 00 00 00 bd 08 00 00";
+    assert_eq!(out_hex(&mut b), format!("{speed} 53 04 06 00 d0 01 01 00 e7 a2 02 00"));
     let t = b.engine.submit(SETTLE);
     let ask = "90 04 01 00 50 01";
     assert_eq!(out_hex(&mut b), ask);
@@ -540,6 +542,8 @@ fn dobot_moves_whole_poses_and_waits_for_its_queue() {
     out_hex(&mut b);
     assert!(matches!(b.finished_now(t), Some(Ok(_))));
     let t = b.engine.submit(go(&[(3, 49.5)], 10.0));
+    assert_eq!(out_hex(&mut b), "aa aa 12 51 03 00 00 20 41 00 00 20 41 00 00 48 42 00 00 48 42 d6");
+    say_hex(&mut b, "aa aa 0a 51 03 04 00 00 00 00 00 00 00 a8");
     assert_eq!(out_hex(&mut b), "aa aa 13 54 03 02 00 00 48 43 00 00 00 00 00 00 46 42 00 00 00 00 94");
     say_hex(&mut b, "aa aa 0a 54 03 05 00 00 00 00 00 00 00 a4");
     out_hex(&mut b);
