@@ -1,18 +1,23 @@
 #!/usr/bin/env python3
-"""Drives the firmware emulators with other people's clients.
+"""Drives our firmware emulators with other people's clients, and other people's firmware with our client.
 
     tests/strangers.py [--twinrig PATH] [--only NAME ...]
 
-Makes a virtual environment (in a temporary folder, or in STRANGERS_VENV), installs the clients from
-PyPI, starts `twinrig emulate PROTOCOL --link PATH --speed 4` for each and performs homing, moves,
-reads and refusals. Exits 0 when every client was satisfied, 1 when one was not, and 0 with a message
-when the package registry cannot be reached.
+Makes virtual environments (in a temporary folder, or in STRANGERS_VENV and OCTOPRINT_VENV), installs the
+strangers from PyPI, and
+- starts `twinrig emulate PROTOCOL --link PATH --speed 4` for each client, which performs homing, moves,
+  reads and refusals;
+- puts OctoPrint's virtual printer behind a pseudo-terminal and runs `twinrig home` and `twinrig move`
+  against it, with a lost line and a wrong checksum on the way.
+Exits 0 when every stranger was satisfied, 1 when one was not, and 0 with a message when their packages
+cannot be installed.
 
 Known bugs of the clients, which the checks go around: pydobot computes the sums of ids 0 and 1 wrongly
 and reads only what has come after 100 ms; dynamixel-sdk does no byte stuffing.
 """
 
 import argparse
+import json
 import os
 import subprocess
 import sys
@@ -22,6 +27,7 @@ from pathlib import Path
 
 PACKAGES = ["pyserial", "zaber-motion", "thorlabs-apt-device", "dynamixel-sdk", "feetech-servo-sdk", "pydobot"]
 WITHOUT_DEPENDENCIES = ["printrun"]
+OCTOPRINT = "octoprint"
 
 
 def expect(what, condition):
@@ -171,16 +177,115 @@ CLIENTS = {
 }
 
 
-def environment(folder):
-    """Path of a Python that has the clients, or None when they cannot be had."""
+def environment(folder, groups, within):
+    """Path of a Python that has these packages, or None when they cannot be had within so many seconds."""
+    end = time.monotonic() + within
     python = folder / "bin" / "python"
     if not python.exists():
         subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
     pip = [str(python), "-m", "pip", "install", "-q", "--disable-pip-version-check"]
-    for packages in ([*PACKAGES], ["--no-deps", *WITHOUT_DEPENDENCIES]):
-        if subprocess.run([*pip, *packages], timeout=600).returncode != 0:
+    for packages in groups:
+        try:
+            left = max(1.0, end - time.monotonic())
+            if subprocess.run([*pip, *packages], timeout=left).returncode != 0:
+                return None
+        except subprocess.TimeoutExpired:
             return None
     return python
+
+
+def serve_octoprint(link, folder):
+    """OctoPrint's virtual printer behind a pseudo-terminal, until it is terminated."""
+    import threading
+    import tty
+
+    import octoprint.plugin
+    import octoprint.settings
+    from octoprint.plugins.virtual_printer import VirtualPrinterPlugin
+    from octoprint.plugins.virtual_printer.virtual import VirtualPrinter
+    from octoprint.printer.profile import PrinterProfileManager
+
+    octoprint.settings.settings(init=True, basedir=str(folder))
+    octoprint.plugin.plugin_manager(init=True, plugin_folders=[], plugin_entry_points=[])
+    defaults = VirtualPrinterPlugin().get_settings_defaults()
+    # It asks for line 6 again, and finds a wrong checksum in line 9.
+    defaults.update(simulated_errors=["6:resend", "9:checksum_mismatch"], sendWait=False, throttle=0.001)
+    settings = octoprint.plugin.plugin_settings("virtual_printer", defaults=defaults)
+    ours, theirs = os.openpty()
+    tty.setraw(ours)
+    tty.setraw(theirs)
+    printer = VirtualPrinter(settings, PrinterProfileManager(), data_folder=str(folder), read_timeout=0.2)
+
+    def listen():
+        # It takes one line a call, whatever a port would hand over.
+        rest = b""
+        while True:
+            *lines, rest = (rest + os.read(ours, 1024)).split(b"\n")
+            for line in lines:
+                printer.write(line + b"\n")
+
+    threading.Thread(target=listen, daemon=True).start()
+    os.symlink(os.ttyname(theirs), link)
+    while True:
+        line = printer.readline()
+        if line:
+            os.write(ours, line.rstrip(b"\r\n") + b"\n")
+
+
+RIG = """
+schema = 1
+name = "stranger"
+sensor = "gelsight"
+[devices.arm]
+protocol = "marlin"
+port = "{link}"
+identity = "Virtual Marlin"
+axes.x = {{ wire = "X", kind = "linear", min = 0, max = 200, max_feed = 50, accel = 300, tolerance = 0.02 }}
+axes.z = {{ wire = "Z", kind = "linear", min = 0, max = 200, max_feed = 20, accel = 50, tolerance = 0.01 }}
+[motion]
+x = {{ device = "arm", axis = "x", sign = 1, origin = 100.0 }}
+z = {{ device = "arm", axis = "z", sign = 1, origin = 30.0 }}
+[camera]
+source = "replay"
+replay = {{ path = "{images}", repeat = true }}
+"""
+
+
+def run_octoprint(twinrig, python, folder):
+    """Homes and moves the stranger's printer, and replays the logs of it."""
+    link, rig, logs = folder / "octoprint", folder / "rig.toml", folder / "logs"
+    images = Path(__file__).resolve().parent / "data" / "readme"
+    rig.write_text(RIG.format(link=link, images=images))
+    (folder / "base").mkdir()
+    served = [str(python), __file__, "--serve", str(link), "--folder", str(folder / "base")]
+    printer = subprocess.Popen(served, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    environ = dict(os.environ, TWINRIG_LOGS=str(logs))
+
+    def ours(*words):
+        done = subprocess.run([twinrig, *words], capture_output=True, text=True, timeout=60, env=environ)
+        expect(f"twinrig {' '.join(words)}: {done.stderr}", done.returncode == 0)
+        return done.stdout
+
+    try:
+        wait_for(f"{link}", link.is_symlink, 30)
+        ours("home", str(rig))
+        for x, z in ((5.5, 12.25), (-3.0, 4.0)):
+            place = json.loads(ours("move", str(rig), "--home", "--json", f"--x={x}", f"--z={z}", "--feed", "15"))
+            pose = place["pose"]
+            expect(f"pose {pose}", abs(pose["x_mm"] - x) < 0.02 and abs(pose["z_mm"] - z) < 0.02)
+        written = sorted(logs.glob("*/arm.log"))
+        expect("three sessions, three logs", len(written) == 3)
+        for log in written:
+            ours("replay", str(log))
+        resent = [line for log in written for line in log.read_text().splitlines() if "sending again" in line]
+        expect("lines were sent again", resent)
+        return True
+    except (AssertionError, subprocess.TimeoutExpired) as failure:
+        print(f"{OCTOPRINT}: {failure}", file=sys.stderr)
+        return False
+    finally:
+        printer.kill()
+        printer.wait(10)
 
 
 def run_client(name, command, folder):
@@ -205,26 +310,48 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--twinrig", default="target/release/twinrig", help="the program")
     parser.add_argument("--emulator", help="another command line, with {protocol} and {link}")
-    parser.add_argument("--only", nargs="*", default=list(CLIENTS), choices=list(CLIENTS))
+    names = [*CLIENTS, OCTOPRINT]
+    parser.add_argument("--only", nargs="*", default=names, choices=names)
+    parser.add_argument("--install-within", type=float, default=900, help="seconds that installing may take")
     parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--client", help=argparse.SUPPRESS)
     parser.add_argument("--port", help=argparse.SUPPRESS)
+    parser.add_argument("--serve", help=argparse.SUPPRESS)
+    parser.add_argument("--folder", help=argparse.SUPPRESS)
     options = parser.parse_args()
 
     if options.client:
         CLIENTS[options.client][1](options.port)
         return 0
+    if options.serve:
+        serve_octoprint(options.serve, options.folder)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
+        clients = [name for name in options.only if name in CLIENTS]
         if not options.inside:
-            python = environment(Path(os.environ.get("STRANGERS_VENV", folder / "venv")))
-            if python is None:
-                print("skipped: the package registry cannot be reached")
-                return 0
-            return subprocess.run([str(python), *sys.argv, "--inside"]).returncode
+            satisfied = True
+            if clients:
+                groups = ([*PACKAGES], ["--no-deps", *WITHOUT_DEPENDENCIES])
+                python = environment(Path(os.environ.get("STRANGERS_VENV", folder / "venv")), groups, options.install_within)
+                if python is None:
+                    print("SKIPPED the clients: their packages could not be installed in time")
+                else:
+                    words = [word for word in sys.argv if word not in (OCTOPRINT, "--only", *CLIENTS)]
+                    words += ["--only", *clients, "--inside"]
+                    satisfied = subprocess.run([str(python), *words]).returncode == 0
+            if OCTOPRINT in options.only:
+                place = Path(os.environ.get("OCTOPRINT_VENV", folder / "octoprint_venv"))
+                python = environment(place, ([OCTOPRINT],), options.install_within)
+                if python is None:
+                    print(f"SKIPPED {OCTOPRINT}: its packages could not be installed in time")
+                else:
+                    proved = run_octoprint(options.twinrig, python, folder)
+                    print(f"{OCTOPRINT}: {'satisfied' if proved else 'NOT satisfied'}")
+                    satisfied = satisfied and proved
+            return 0 if satisfied else 1
         default = [options.twinrig, "emulate", "{protocol}", "--link", "{link}", "--speed", "4"]
         command = options.emulator.split() if options.emulator else default
-        results = {name: run_client(name, command, folder) for name in options.only}
+        results = {name: run_client(name, command, folder) for name in clients}
     for name, satisfied in results.items():
         print(f"{name}: {'satisfied' if satisfied else 'NOT satisfied'}")
     return 0 if all(results.values()) else 1

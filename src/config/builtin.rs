@@ -22,8 +22,8 @@ const INDENTERS: &[(&str, &str)] = shipped!("rig_configs/indenters":
     "torus" "triangle" "wave1");
 
 const PROTOCOLS: &[(&str, &str)] = shipped!("firmware_protocols":
-    "dobot_magician" "dynamixel2" "feetech_sts" "grbl" "grblhal" "marlin" "newport_smc100" "thorlabs_apt"
-    "zaber_ascii");
+    "dobot_magician" "dynamixel2" "feetech_sts" "grbl" "grblhal" "marlin" "newport_smc100" "pi_gcs2"
+    "thorlabs_apt" "thorlabs_apt_stepper" "zaber_ascii");
 
 fn all(kind: Kind) -> &'static [(&'static str, &'static str)] {
     match kind {

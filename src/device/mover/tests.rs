@@ -412,3 +412,57 @@ fn an_axis_the_protocol_cannot_name_is_refused() {
         check_settings(&shipped("zaber_ascii"), &bad).unwrap_err().to_string().contains("counts_per_unit")
     );
 }
+
+/// Speaks in counts, so its axis has a scale; everything else as [`axis`].
+fn counted(wire: &str, max: f64, counts_per_unit: f64) -> AxisSettings {
+    AxisSettings {
+        counts_per_unit: Some(counts_per_unit),
+        max_feed: 40.0,
+        tolerance: 0.1,
+        ..axis(wire, 0.0, max)
+    }
+}
+
+fn dobot() -> MoverSettings {
+    let arm =
+        |wire: &str, min, max| (wire.to_owned(), AxisSettings { max_feed: 80.0, ..axis(wire, min, max) });
+    let mut settings = settings("dobot_magician", &[]);
+    settings.axes =
+        [arm("x", 120.0, 300.0), arm("y", -100.0, 100.0), arm("z", -90.0, 150.0), arm("r", -90.0, 90.0)]
+            .into();
+    settings
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_feed_of_a_move_is_the_speed_of_the_device_whatever_it_was_set_to() {
+    let turn = 4096.0 / 360.0;
+    let devices = [
+        (settings("thorlabs_apt", &[("a", counted("80/1", 50.0, 34554.96))]), "a", [1.0, 5.0], 1.0),
+        (
+            settings("thorlabs_apt_stepper", &[("a", counted("80/1", 360.0, 136533.3333))]),
+            "a",
+            [10.0, 30.0],
+            5.0,
+        ),
+        (settings("dynamixel2", &[("a", counted("1", 350.0, turn))]), "a", [10.0, 90.0], 20.0),
+        (settings("feetech_sts", &[("a", counted("1", 350.0, turn))]), "a", [10.0, 90.0], 20.0),
+        (settings("pi_gcs2", &[("a", axis("1", 0.0, 50.0))]), "a", [1.0, 11.0], 4.0),
+        (dobot(), "z", [20.0, 100.0], 20.0),
+    ];
+    for (settings, name, [from, to], feed) in devices {
+        let protocol = settings.protocol.clone();
+        let mut b = homed(settings).await;
+        b.mover.move_to(&[(name, from)], feed).await.unwrap_or_else(|e| panic!("{protocol}: {e}"));
+        let mut lasted = Vec::new();
+        for (target, feed) in [(to, feed), (from, 0.5 * feed)] {
+            let begun = b.clock.now();
+            b.mover.move_to(&[(name, target)], feed).await.unwrap_or_else(|e| panic!("{protocol}: {e}"));
+            lasted.push(b.clock.now().since(begun).as_secs_f64());
+        }
+        // Ramps, questions and settling come besides; they are the same for both.
+        let ideal = (to - from) / feed;
+        assert!(lasted[0] > ideal && lasted[0] < 1.3 * ideal + 0.8, "{protocol}: {lasted:?}, ideal {ideal}");
+        let longer = lasted[1] - lasted[0];
+        assert!((longer - ideal).abs() < 0.15 * ideal + 0.2, "{protocol}: {lasted:?}, ideal {ideal}");
+    }
+}

@@ -175,8 +175,10 @@ impl Engine {
                     let mut words = Vec::new();
                     for (at, target) in &whole {
                         let own = numbers(*at, *target);
-                        // Binary protocols have words of their own: a field named like the axis.
-                        if self.spec.is_line() {
+                        // Binary protocols have words of their own: a field named like the axis; and a
+                        // command that goes with a move, such as a question for errors, names none.
+                        let names_axes = |tx: &Template| tx.names().any(|field| field == "axes");
+                        if self.spec.cmd[name].tx.as_ref().is_some_and(names_axes) {
                             words.push(word.fill(&own).map_err(field)?);
                         }
                         fields.insert(self.axes[*at].wire.clone(), Value::Num(*target));

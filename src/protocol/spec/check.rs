@@ -232,6 +232,9 @@ impl Check<'_, '_> {
             };
             if let Some(template) = &cmd.tx {
                 self.template(&format!("cmd.{name}.tx"), template, &known);
+                if whole && template.names().any(|field| field == "axes") {
+                    self.word();
+                }
             }
             for (i, field) in cmd.payload.iter().enumerate() {
                 if field.default.is_none() && !known(&field.name) {
@@ -245,6 +248,15 @@ impl Check<'_, '_> {
                 }
             }
         }
+    }
+
+    /// One axis of `{axes}` is written by `axis.word`.
+    fn word(&mut self) {
+        let axis = &self.spec.axis;
+        let default = Template::parse("{letter}{pos}").expect("the default word is a template");
+        let word = axis.word.as_ref().unwrap_or(&default);
+        let known = |name: &str| axis.wire.groups().any(|g| g == name) || OF_A_MOVE.contains(&name);
+        self.template("axis", word, &known);
     }
 
     fn template(&mut self, key: &str, template: &Template, known: &dyn Fn(&str) -> bool) {
