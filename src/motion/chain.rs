@@ -149,7 +149,9 @@ impl Chain {
         for (i, joint) in self.joints.iter().enumerate() {
             problems.within("joints", |p| {
                 p.within(format!("[{i}]"), |p| {
-                    if !(joint.min_deg < joint.max_deg) {
+                    // Not a number is not above anything.
+                    let is_ordered = joint.min_deg < joint.max_deg;
+                    if !is_ordered {
                         let allowed = format!("more than min_deg = {}", joint.min_deg);
                         p.push("max_deg", joint.max_deg, allowed, "set max_deg above min_deg");
                     }
@@ -244,12 +246,12 @@ impl Chain {
         let folds = || ReachError::Folds { from: *line.from, to: *line.to };
         let jump = q0.iter().zip(q1).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         // An arc may cross its chord in the middle: three places on it are looked at.
-        let strays = [0.25, 0.5, 0.75].into_iter().any(|t| {
+        let stays = [0.25, 0.5, 0.75].into_iter().all(|t| {
             let between: Vec<f64> = q0.iter().zip(q1).map(|(a, b)| a + (b - a) * t).collect();
             let wanted = line.from.lerp(line.to, s0 + (s1 - s0) * t);
-            !(self.pose(&between).distance_mm(&wanted) <= line.tolerance_mm)
+            self.pose(&between).distance_mm(&wanted) <= line.tolerance_mm
         });
-        if !strays && jump <= FOLD_DEG {
+        if stays && jump <= FOLD_DEG {
             points.push(q1.to_vec());
             return Ok(());
         }

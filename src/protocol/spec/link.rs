@@ -3,8 +3,8 @@
 use crate::protocol::checksum::ChecksumKind;
 use crate::protocol::template::Template;
 use crate::protocol::value::{Bytes, Fields, Pattern};
-use serde::{Deserialize, Serialize};
 use serde::de::{Deserializer, Error as _};
+use serde::{Deserialize, Serialize};
 
 /// `[link]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
