@@ -55,6 +55,14 @@ pub enum Error {
         /// The system's reason.
         why: String,
     },
+    /// No room is left.
+    #[error(
+        "the disk is full: {path} could not be written. What was stored before is whole; free some space (`twinrig check RIG PLAN` says how much a plan needs) and run the same command with --resume"
+    )]
+    DiskFull {
+        /// The file or folder.
+        path: PathBuf,
+    },
     /// The system refused to read.
     #[error("cannot read {path}: {why}; check the path and its permissions")]
     Read {
@@ -141,7 +149,11 @@ pub enum Error {
 
 impl Error {
     fn write(path: &Path, e: &std::io::Error) -> Self {
-        Error::Write { path: path.to_owned(), why: e.to_string() }
+        let path = path.to_owned();
+        match e.kind() {
+            std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => Error::DiskFull { path },
+            _ => Error::Write { path, why: e.to_string() },
+        }
     }
 
     fn read(path: &Path, e: &std::io::Error) -> Self {
@@ -367,11 +379,11 @@ impl Dataset {
         }
         let pairs = by_split.iter().map(|(split, rows)| (split.clone(), rows.len())).collect();
         place(&self.root.join("README.md"), card::card(&self.provenance, &pairs).as_bytes(), None)?;
-        place(&self.root.join("MANIFEST.blake3"), self.manifest(&rows).as_bytes(), None)
+        place(&self.root.join(MANIFEST), self.manifest(&rows)?.as_bytes(), None)
     }
 
-    /// Sums of all files of all rows, in the format of `b3sum`.
-    fn manifest(&self, rows: &[Row]) -> String {
+    /// Sums of all files of all rows and of all that describes them, in the format of `b3sum`.
+    fn manifest(&self, rows: &[Row]) -> Result<String, Error> {
         let mut text = String::new();
         for row in rows {
             let real = row.real.iter().flat_map(|l| &l.files);
@@ -379,7 +391,34 @@ impl Dataset {
                 text.push_str(&format!("{}  {}\n", file.blake3, file.path));
             }
         }
-        text
+        let mut described =
+            vec!["README.md".to_owned(), "dataset.json".to_owned(), "trajectory.json".to_owned()];
+        let splits: BTreeSet<&str> = rows.iter().map(|row| self.split_of(row.capture)).collect();
+        described.extend(splits.into_iter().map(|split| format!("data/{split}/metadata.parquet")));
+        described.extend(self.backgrounds()?.into_iter().map(|name| format!("background/{name}.png")));
+        for path in described {
+            let file = self.root.join(&path);
+            let bytes = std::fs::read(&file).map_err(|e| Error::read(&file, &e))?;
+            text.push_str(&format!("{}  {path}\n", blake3::hash(&bytes).to_hex()));
+        }
+        Ok(text)
+    }
+
+    /// Names of the pictures under `background/`, in order.
+    pub fn backgrounds(&self) -> Result<Vec<String>, Error> {
+        let folder = self.root.join("background");
+        let entries = match std::fs::read_dir(&folder) {
+            Ok(entries) => entries,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+            Err(e) => return Err(Error::read(&folder, &e)),
+        };
+        let names = entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned());
+        let mut names: Vec<String> = names
+            .filter(|n| !n.starts_with('.'))
+            .filter_map(|n| n.strip_suffix(".png").map(str::to_owned))
+            .collect();
+        names.sort();
+        Ok(names)
     }
 
     /// Split of a capture.
@@ -408,6 +447,8 @@ fn is_our_leftover(name: &str) -> bool {
 }
 
 const LOCK: &str = ".lock";
+
+const MANIFEST: &str = "MANIFEST.blake3";
 
 /// An exclusive lock that the system releases when the process ends, however it ends.
 fn lock(root: &Path) -> Result<File, Error> {

@@ -125,7 +125,7 @@ pub async fn bench(setup: &Setup, options: &BenchOptions, stop: StopSwitch) -> R
         movers.insert(device.clone(), mover);
     }
     let camera = camera(rig, setup.sensor.as_ref().map(|s| &s.optics), world.as_ref(), clock).await?;
-    let bench = Bench { movers, map: rig.motion.clone(), camera, clock, stop };
+    let bench = Bench { movers, map: rig.motion.clone(), camera, clock, stop, reached: None };
     Ok(Assembled { bench, world, _emulators: emulators })
 }
 

@@ -206,7 +206,9 @@ impl Mover {
         self.end_of_stop().await?;
         self.homed_at_loss = None;
         self.homing = true;
+        self.link.set_homing(true);
         let result = self.search_reference().await;
+        self.link.set_homing(false);
         self.homing = false;
         let losses = self.link.telemetry().trust_losses;
         result?;
@@ -245,6 +247,11 @@ impl Mover {
             });
         }
         Ok(all)
+    }
+
+    /// Largest accepted difference between where an axis was sent and where it is, in its unit.
+    pub fn tolerance(&self, axis: &str) -> Option<f64> {
+        self.settings.axes.get(axis).map(|settings| settings.tolerance)
     }
 
     /// The handle that stops this device at once, from any thread.

@@ -135,10 +135,17 @@ impl Task {
         match &self.wait {
             Wait::Begin => Some(Timestamp(0)),
             Wait::Class(_, until) | Wait::Until(until) => Some(*until),
-            Wait::State { until, ask, .. } => Some((*until).min(ask.due)),
-            Wait::Settle(s) => Some(s.ask.due),
+            Wait::State { until, ask, .. } => Some(ask.wake().map_or(*until, |due| due.min(*until))),
+            Wait::Settle(s) => s.ask.wake(),
             Wait::Reply(_) | Wait::Answers(_) => None,
         }
+    }
+}
+
+impl Asking {
+    /// When to ask again; a question that is out wakes by its answer, or by the answer's time limit.
+    fn wake(&self) -> Option<Timestamp> {
+        self.tickets.is_empty().then_some(self.due)
     }
 }
 
@@ -329,15 +336,18 @@ impl Engine {
 
     /// Asks for the state when a question is due and the last one is answered.
     fn ask(&mut self, ask: &mut Asking, now: Timestamp) {
-        if ask.due > now || self.is_silent() || !ask.tickets.is_empty() {
+        if ask.due > now || !ask.tickets.is_empty() {
             return;
         }
-        ask.reports = self.state_reports;
-        ask.asked = true;
         // A question every few milliseconds of wall time is enough, however fast bench time runs.
         let period = Duration::from_millis(self.spec.done.period_ms)
             .max(Duration::from_millis(5).mul_f64(self.patience));
         ask.due = now.after(period);
+        if self.is_silent() {
+            return;
+        }
+        ask.reports = self.state_reports;
+        ask.asked = true;
         if let Some(name) = &self.spec.done.realtime {
             self.urgent.extend(self.spec.realtime.get(name).map(|b| b.0.clone()).unwrap_or_default());
         } else if let Some(name) =

@@ -279,6 +279,10 @@ impl Check<'_> {
             self.procedure(&["motion", "jog_cancel"], cancel);
         }
         for (name, procedure) in &spec.stop {
+            if !["emergency", "controlled", "homing"].contains(&name.as_str()) {
+                let text = format!("\"{name}\" is no way to stop: emergency, controlled, homing");
+                self.push(&["stop", name], text);
+            }
             self.procedure(&["stop", name], procedure);
         }
         for (name, procedure) in &spec.recover {
