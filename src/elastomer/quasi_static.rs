@@ -429,7 +429,7 @@ fn along(way: &[f64; 4], last: &[f64; 4]) -> Option<f64> {
     (ll > 0.0 && wl > 0.95 * (ww * ll).sqrt()).then(|| (wl / ll).min(2.0))
 }
 
-fn check(pad: &Pad, settings: &Settings) -> Result<(), Error> {
+pub(super) fn check(pad: &Pad, settings: &Settings) -> Result<(), Error> {
     let range = |key, value: f64, min: f64, max: f64, unit: &str| {
         if value.is_finite() && value >= min && value <= max {
             Ok(())
