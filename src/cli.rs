@@ -17,6 +17,7 @@ mod emulate;
 mod home;
 mod move_to;
 mod options;
+mod protocol;
 mod render;
 mod report;
 mod simulate;
@@ -53,6 +54,7 @@ enum Command {
     Report(report::Args),
     Emulate(emulate::Args),
     Render(render::Args),
+    Protocol(protocol::Args),
 }
 
 /// Parses the arguments, runs the subcommand, and turns its ending into an exit code.
@@ -80,6 +82,7 @@ pub fn main() -> ExitCode {
             Command::Report(args) => args.run(),
             Command::Emulate(args) => args.run().await,
             Command::Render(args) => args.run(),
+            Command::Protocol(args) => args.run(),
         }
     });
     // Blocking threads (a camera that hangs in its driver) must not keep the process alive.

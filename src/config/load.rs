@@ -3,6 +3,7 @@
 use super::check_report::CheckReport;
 use super::document::{Document, Setting};
 use super::lookup::{Kind, Lookup, NotFound, SourceFile, by_path};
+use super::protocol_file;
 use super::report::{COMMAND_LINE, ConfigError, Finding};
 use super::rig::{ANY_SENSOR, RigConfig, RigFile};
 use super::sensor::{SensorConfig, SensorFile};
@@ -252,19 +253,9 @@ impl Loader {
             let Some(source) = self.named(Kind::Protocol, &mover.protocol, document, &key, lookup) else {
                 continue;
             };
-            match Spec::parse(&source.path, &source.text) {
-                Ok(spec) => {
-                    self.wiring(document, device, mover, &spec);
-                    protocols.insert(mover.protocol.clone(), Arc::new(spec));
-                }
-                Err(error) => self.findings.extend(error.problems.into_iter().map(|p| Finding {
-                    file: source.path.clone(),
-                    at: Some(Origin::Line(p.line)),
-                    key: String::new(),
-                    value: if p.key.is_empty() { p.message } else { format!("{}: {}", p.key, p.message) },
-                    allowed: "a protocol as in the shipped firmware_protocols/".to_owned(),
-                    next: "correct this line".to_owned(),
-                })),
+            if let Some(file) = protocol_file::read(source, &mut self.findings) {
+                self.wiring(document, device, mover, &file.spec);
+                protocols.insert(mover.protocol.clone(), file.spec);
             }
         }
         protocols

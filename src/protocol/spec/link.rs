@@ -3,8 +3,8 @@
 use crate::protocol::checksum::ChecksumKind;
 use crate::protocol::template::Template;
 use crate::protocol::value::{Bytes, Fields, Pattern};
-use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
+use serde::{Deserialize, Serialize};
 
 /// `[link]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -323,7 +323,7 @@ pub struct FlowSpec {
 }
 
 /// How much may be in flight.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FlowMode {
     /// One command, then its reply.
