@@ -98,7 +98,7 @@ impl<'a> Wanted<'a> {
             let ended = Collection { dataset, session: None, twin, stop, progress }.run().await;
             return (ended, f64::INFINITY);
         }
-        let options = BenchOptions { speed: 40.0, logs: None };
+        let options = BenchOptions { speed: 40.0, ..BenchOptions::default() };
         let mut assembled = assemble::bench(setup, &options, stop.clone()).await.expect("a bench");
         let world = assembled.world.clone().expect("a virtual bench");
         let (events, received) = tokio::sync::mpsc::channel(8);

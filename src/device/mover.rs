@@ -16,6 +16,8 @@
 mod error;
 #[cfg(test)]
 mod faults;
+mod glide;
+mod observer;
 #[cfg(test)]
 mod tests;
 mod travel;
@@ -27,6 +29,9 @@ use crate::motion::AxisLimits;
 use crate::protocol::{AxisWire, Engine, Failure, Outcome, Pattern, Request, Spec, StopKind, Which};
 use crate::units::Steps;
 pub use error::MoverError;
+use observer::Homed;
+pub use observer::{Observer, Seen, SeenAxis};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
@@ -34,7 +39,8 @@ use tokio::io::{AsyncRead, AsyncWrite};
 pub use travel::Reached;
 
 /// What is known of the positions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Reference {
     /// Never homed since connecting.
     Unknown,
@@ -67,9 +73,7 @@ pub struct Mover {
     settings: MoverSettings,
     clock: Clock,
     names: Vec<String>,
-    /// Count of lost trusts when the axes were last homed.
-    homed_at_loss: Option<u64>,
-    homing: bool,
+    homed: Homed,
     identity: Option<String>,
     /// Recovery that the last alarm asks for.
     recover: Option<String>,
@@ -109,8 +113,7 @@ impl Mover {
             settings,
             clock,
             names,
-            homed_at_loss: None,
-            homing: false,
+            homed: Homed::default(),
             identity: None,
             recover: None,
         };
@@ -190,30 +193,32 @@ impl Mover {
 
     /// What is known of the positions.
     pub fn reference(&self) -> Reference {
-        let telemetry = self.link.telemetry();
-        match self.homed_at_loss {
-            _ if self.homing => Reference::Homing,
-            None => Reference::Unknown,
-            Some(count) if count == telemetry.trust_losses && telemetry.ended.is_none() => {
-                Reference::Referenced
-            }
-            Some(_) => Reference::Suspect,
+        self.homed.reference(&self.link.telemetry())
+    }
+
+    /// A look at this mover for whoever does not own it. Its identity is that of now.
+    pub fn observer(&self) -> Observer {
+        let axes = self.settings.axes.iter();
+        Observer {
+            telemetry: self.link.watch(),
+            homed: self.homed.clone(),
+            port: self.settings.port.to_string(),
+            protocol: self.settings.protocol.clone(),
+            identity: self.identity.clone(),
+            axes: axes.map(|(name, a)| (name.clone(), a.kind, [a.min, a.max])).collect(),
         }
     }
 
     /// References the axes: recovers from an alarm where one is pending, then homes.
     pub async fn home(&mut self) -> Result<(), MoverError> {
         self.end_of_stop().await?;
-        self.homed_at_loss = None;
-        self.homing = true;
+        self.homed.begin();
         self.link.set_homing(true);
         let result = self.search_reference().await;
         self.link.set_homing(false);
-        self.homing = false;
         let losses = self.link.telemetry().trust_losses;
-        result?;
-        self.homed_at_loss = Some(losses);
-        Ok(())
+        self.homed.end(result.is_ok().then_some(losses));
+        result
     }
 
     async fn search_reference(&mut self) -> Result<(), MoverError> {
@@ -308,6 +313,11 @@ fn engine_for(spec: &Arc<Spec>, settings: &MoverSettings, patience: f64) -> Resu
 /// Whether a protocol can serve a device of the rig file, without opening anything.
 pub fn check_settings(spec: &Arc<Spec>, settings: &MoverSettings) -> Result<(), MoverError> {
     engine_for(spec, settings, 1.0).map(drop)
+}
+
+/// The bytes that stop a device, for a port that nobody has connected to: what a running link would write.
+pub fn stop_bytes(spec: &Arc<Spec>, settings: &MoverSettings, kind: StopKind) -> Result<Vec<u8>, MoverError> {
+    Ok(engine_for(spec, settings, 1.0)?.stop_bytes(kind))
 }
 
 /// The bytes that a move would send, one entry for each command: for a dry run. The limits are

@@ -8,10 +8,10 @@ use super::event::AxisReading;
 use super::stop::{StopLevel, StopSwitch};
 use crate::clock::Clock;
 use crate::device::camera::{Camera, CameraError};
-use crate::device::mover::{Mover, MoverError, Reference};
+use crate::device::mover::{Mover, MoverError, Observer, Reference};
 use crate::frame::Frame;
 use crate::image;
-use crate::motion::{AxisRole, Coordinate, PoseMap};
+use crate::motion::{AxisLimits, AxisRole, Coordinate, PoseMap};
 use crate::pose::Pose;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -108,9 +108,27 @@ impl Bench {
         Ok(())
     }
 
+    /// Looks at every device, for whoever does not own the bench.
+    pub fn observers(&self) -> BTreeMap<String, Observer> {
+        self.movers.iter().map(|(name, mover)| (name.clone(), mover.observer())).collect()
+    }
+
     /// Whether every axis knows where it is.
     pub fn is_referenced(&self) -> bool {
         self.movers.values().all(|m| m.reference() == Reference::Referenced)
+    }
+
+    /// Limits of the axis that makes a coordinate, in the axis' own counting.
+    pub fn limits(&self, coordinate: Coordinate) -> Option<AxisLimits> {
+        let role = self.map.role(coordinate)?;
+        self.movers.get(&role.device)?.limits().get(&role.axis).copied()
+    }
+
+    /// Lowest and highest value of a coordinate that its axis allows.
+    pub fn range(&self, coordinate: Coordinate) -> Option<[f64; 2]> {
+        let (role, limits) = (self.map.role(coordinate)?, self.limits(coordinate)?);
+        let ends = [role.to_coordinate(limits.min), role.to_coordinate(limits.max)];
+        Some([ends[0].min(ends[1]), ends[0].max(ends[1])])
     }
 
     /// Whether the pressing axis knows where it is, so that it may be retracted.

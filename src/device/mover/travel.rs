@@ -7,7 +7,7 @@
 use super::{Measured, Mover, MoverError, Reference};
 use crate::device::settings::{Approach, Side};
 use crate::motion::LimitError;
-use crate::protocol::{Failure, Request, StopKind, Which};
+use crate::protocol::{Failure, Request, StopKind};
 use std::time::Duration;
 
 /// Where a move ended, with the proof.
@@ -42,30 +42,8 @@ impl Mover {
         Ok(reached)
     }
 
-    /// Begins a move that will be cancelled: towards `target`, which must be inside the limits.
-    /// Returns when the device has accepted it; [`Mover::jog_cancel`] ends it.
-    pub async fn jog(&mut self, axis: &str, target: f64, feed: f64) -> Result<(), MoverError> {
-        if self.spec.motion.jog.is_empty() || self.spec.motion.jog_cancel.is_none() {
-            let protocol = self.spec.protocol.name.clone();
-            return Err(MoverError::NotSupported { protocol, what: "jog commands" });
-        }
-        self.end_of_stop().await?;
-        let targets = self.check_targets(&[(axis, target)])?;
-        self.settings.axes[axis].limits().check_feed(axis, feed)?;
-        self.require_reference()?;
-        self.call(Request::Move { targets, feed, jog: true }).await?;
-        Ok(())
-    }
-
-    /// Ends a jog: decelerates, and returns the position once the device is at rest.
-    pub async fn jog_cancel(&mut self) -> Result<Vec<Measured>, MoverError> {
-        self.call(Request::Run(Which::JogCancel)).await?;
-        self.settle().await?;
-        self.read_positions().await
-    }
-
     /// Targets by index, every one inside its limits.
-    fn check_targets(&self, targets: &[(&str, f64)]) -> Result<Vec<(usize, f64)>, MoverError> {
+    pub(super) fn check_targets(&self, targets: &[(&str, f64)]) -> Result<Vec<(usize, f64)>, MoverError> {
         let mut indexed = Vec::new();
         for (name, target) in targets {
             let (at, settings) = self.axis(name)?;
@@ -92,7 +70,7 @@ impl Mover {
         Ok(())
     }
 
-    fn require_reference(&self) -> Result<(), MoverError> {
+    pub(super) fn require_reference(&self) -> Result<(), MoverError> {
         let loss = self.link.telemetry().last_loss;
         let reason = match self.reference() {
             Reference::Referenced => return Ok(()),
@@ -104,7 +82,7 @@ impl Mover {
     }
 
     /// Between two sendings: no stop was called, and the positions are still trusted.
-    fn still_allowed(&self) -> Result<(), MoverError> {
+    pub(super) fn still_allowed(&self) -> Result<(), MoverError> {
         if self.stop_handle().is_stopped() {
             return Err(Failure::Stopped.into());
         }
@@ -159,13 +137,13 @@ impl Mover {
     }
 
     /// Waits for the end of motion. A device that has stalled is stopped.
-    async fn settle(&mut self) -> Result<(), MoverError> {
+    pub(super) async fn settle(&mut self) -> Result<(), MoverError> {
         let stall = Duration::from_millis(self.settings.stall_ms);
         match self.call(Request::Settle { stall }).await {
             Ok(_) => Ok(()),
             Err(failure @ (Failure::Stalled { .. } | Failure::NoReply { .. })) => {
                 // It may still be moving, and nobody knows where: stop it, trust nothing.
-                self.homed_at_loss = self.homed_at_loss.map(|_| u64::MAX);
+                self.homed.distrust();
                 self.stop_handle().stop(StopKind::Controlled);
                 if let Err(e) = self.link.finish_stop().await {
                     tracing::warn!("stopping after \"{failure}\" failed as well: {e}");
