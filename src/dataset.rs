@@ -4,7 +4,7 @@
 //! DIR/dataset.json                      provenance, written once
 //! DIR/trajectory.json                   the trajectory both sides followed
 //! DIR/journal/{real,sim,sessions}.ndjson append-only truth
-//! DIR/data/<split>/{real,sim}/NNNNNN.png, depth/NNNNNN.tiff
+//! DIR/data/<split>/{real,sim,contact}/NNNNNN.png, depth/NNNNNN.tiff
 //! DIR/data/<split>/metadata.parquet     rebuilt from the journals, one row per pair
 //! DIR/background/                       untouched sensor and touch-off frames, never rows
 //! DIR/README.md, MANIFEST.blake3, report.html
@@ -307,19 +307,21 @@ impl Dataset {
         locked(&self.real).append(Line { capture, files: vec![file], record }, self.interrupt.as_ref())
     }
 
-    /// Stores the simulated side of a capture: a PNG, a depth TIFF, and what is known.
+    /// Stores the simulated side of a capture: a PNG, a depth TIFF, a contact mask (PNG), and what is known.
     pub fn append_sim(
         &self,
         capture: u32,
         record: SimRecord,
         png: &[u8],
         depth_tiff: &[u8],
+        contact_png: &[u8],
     ) -> Result<(), Error> {
         let split = self.split_of(capture);
         let picture = self.store(format!("data/{split}/sim/{capture:06}.png"), png)?;
         let depth = self.store(format!("data/{split}/depth/{capture:06}.tiff"), depth_tiff)?;
+        let contact = self.store(format!("data/{split}/contact/{capture:06}.png"), contact_png)?;
         locked(&self.sim)
-            .append(Line { capture, files: vec![picture, depth], record }, self.interrupt.as_ref())
+            .append(Line { capture, files: vec![picture, depth, contact], record }, self.interrupt.as_ref())
     }
 
     /// Stores a picture of the untouched sensor or of a touch-off.

@@ -95,14 +95,14 @@ pub fn verify(root: &Path) -> Result<Verification, Error> {
     let mut by_split: BTreeMap<&str, BTreeMap<i64, Vec<Option<String>>>> = BTreeMap::new();
     for row in &rows {
         let real = row.real.as_ref().map(|l| l.files[0].blake3.clone());
-        let sim = |i: usize| row.sim.as_ref().map(|l| l.files[i].blake3.clone());
-        let sums = vec![real, sim(0), sim(1)];
+        let sim = |i: usize| row.sim.as_ref().and_then(|l| l.files.get(i)).map(|f| f.blake3.clone());
+        let sums = vec![real, sim(0), sim(1), sim(2)];
         by_split.entry(dataset.split_of(row.capture)).or_default().insert(i64::from(row.capture), sums);
     }
     for (split, expected) in by_split {
         let path = format!("data/{split}/metadata.parquet");
         let table = std::fs::read(root.join(&path)).map_err(|e| e.to_string());
-        let columns = ["real_blake3", "sim_blake3", "depth_blake3"];
+        let columns = ["real_blake3", "sim_blake3", "depth_blake3", "contact_mask_blake3"];
         match table.and_then(|bytes| read_text_by_key(bytes, "capture", &columns)) {
             Err(why) => {
                 findings.push(finding(&path, format!("cannot be read ({why}); twinrig report rebuilds it")))
