@@ -24,7 +24,7 @@ mod travel;
 
 use super::link::{Link, LinkOptions, StopHandle};
 use super::settings::{AxisSettings, MoverSettings};
-use crate::clock::{Clock, Timestamp};
+use crate::clock::{Clock, Part, Timestamp, spent};
 use crate::motion::AxisLimits;
 use crate::protocol::{AxisWire, Engine, Failure, Outcome, Pattern, Request, Spec, StopKind, Which};
 use crate::units::Steps;
@@ -214,7 +214,9 @@ impl Mover {
         self.end_of_stop().await?;
         self.homed.begin();
         self.link.set_homing(true);
+        let begun = self.clock.now();
         let result = self.search_reference().await;
+        spent(Part::Motion, self.clock.now().since(begun));
         self.link.set_homing(false);
         let losses = self.link.telemetry().trust_losses;
         self.homed.end(result.is_ok().then_some(losses));

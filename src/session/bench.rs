@@ -6,7 +6,7 @@
 
 use super::event::AxisReading;
 use super::stop::{StopLevel, StopSwitch};
-use crate::clock::Clock;
+use crate::clock::{Clock, Part, spent};
 use crate::device::camera::{Camera, CameraError};
 use crate::device::mover::{Mover, MoverError, Observer, Reference};
 use crate::frame::Frame;
@@ -138,12 +138,14 @@ impl Bench {
 
     /// Where the devices say the indenter is, with every axis asked.
     pub async fn measured(&mut self) -> Result<(Pose, Vec<(String, String, f64)>), BenchError> {
+        let asked = self.clock.now();
         let mut positions = Vec::new();
         for (name, mover) in &mut self.movers {
             for reading in mover.position().await? {
                 positions.push((name.clone(), reading.axis, reading.position));
             }
         }
+        spent(Part::Position, self.clock.now().since(asked));
         let find = |device: &str, axis: &str| {
             positions.iter().find(|(d, a, _)| d == device && a == axis).map_or(f64::NAN, |(_, _, p)| *p)
         };
@@ -306,7 +308,13 @@ impl Bench {
     pub async fn fresh_frame(&mut self, within: Duration) -> Result<Frame, BenchError> {
         let now = self.clock.now();
         tokio::select! {
-            frame = self.camera.frame_after(now, within) => Ok(frame?),
+            frame = self.camera.frame_after(now, within) => {
+                let (frame, took) = (frame?, self.clock.now().since(now));
+                let exposure = frame.stamp.exposure.unwrap_or_default().min(took);
+                spent(Part::Exposure, exposure);
+                spent(Part::Frame, took - exposure);
+                Ok(frame)
+            }
             () = self.stop.raised_to(StopLevel::Controlled) => Err(BenchError::Stopped),
         }
     }

@@ -21,8 +21,6 @@ pub(super) enum LoadError {
     NoPlan,
     #[error(transparent)]
     Twin(#[from] crate::assemble::TwinError),
-    #[error(transparent)]
-    Optics(#[from] crate::optics::Error),
     #[error("the thread of the load cannot be started: {0}")]
     Thread(#[from] std::io::Error),
 }
@@ -33,7 +31,6 @@ impl Load {
         let plan = setup.plan.as_ref().ok_or(LoadError::NoPlan)?;
         let trajectory = plan.trajectory.clone();
         let twin = crate::assemble::twin(setup)?;
-        let wear = twin.wear(None)?;
         let cancel = Arc::new(AtomicBool::new(false));
         let cancelled = cancel.clone();
         let work = move || {
@@ -41,6 +38,10 @@ impl Load {
             let roots = grow(&trajectory, &wanted, |i| trajectory.waypoints[i].pose);
             let Twin { pool, .. } = &twin;
             pool.install(|| {
+                let wear = match twin.wear(None) {
+                    Ok(wear) => wear,
+                    Err(e) => return tracing::warn!("there is no load: {e}"),
+                };
                 while !cancelled.load(Ordering::Relaxed) {
                     let mut emit = |outcome: Outcome| {
                         if let Outcome::Deformed(deformed) = outcome

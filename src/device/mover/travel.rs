@@ -5,8 +5,9 @@
 //! measure again.
 
 use super::{Measured, Mover, MoverError, Reference};
+use crate::clock::{Part, spent};
 use crate::device::settings::{Approach, Side};
-use crate::motion::LimitError;
+use crate::motion::{LimitError, Profile};
 use crate::protocol::{Failure, Request, StopKind};
 use std::time::Duration;
 
@@ -31,12 +32,14 @@ impl Mover {
         self.end_of_stop().await?;
         let targets = self.check_targets(targets)?;
         self.require_reference()?;
+        let asked = self.clock.now();
         let here = self.read_positions().await?;
+        spent(Part::Position, self.clock.now().since(asked));
         self.check_feed(&targets, feed, &here)?;
         let mut reached = Reached { measured: here.clone(), recoveries: 0 };
         for leg in self.legs(&targets, &here) {
             self.still_allowed()?;
-            let legs = self.travel(&leg, feed).await?;
+            let legs = self.travel(&leg, &reached.measured, feed).await?;
             reached = Reached { recoveries: reached.recoveries + legs.recoveries, ..legs };
         }
         Ok(reached)
@@ -108,8 +111,14 @@ impl Mover {
     }
 
     /// Sends one straight move and proves its end.
-    async fn travel(&mut self, targets: &[(usize, f64)], feed: f64) -> Result<Reached, MoverError> {
+    async fn travel(
+        &mut self,
+        targets: &[(usize, f64)],
+        here: &[Measured],
+        feed: f64,
+    ) -> Result<Reached, MoverError> {
         let mut recoveries = 0;
+        let begun = self.clock.now();
         let sent = self.call(Request::Move { targets: targets.to_vec(), feed, jog: false }).await;
         let confirmed = match sent {
             Ok(_) => true,
@@ -121,19 +130,44 @@ impl Mover {
             }
             Err(failure) => return Err(self.after_failure(failure)),
         };
+        let accepted = self.clock.now();
         self.settle().await?;
+        let ended = self.clock.now();
         let arrived = self.measure_arrival(targets).await;
+        spent(Part::Position, self.clock.now().since(ended));
         self.require_kept()?;
         match arrived {
             Ok(_) => {}
             Err(MoverError::NotReached { .. }) if !confirmed => return Err(MoverError::MoveUnconfirmed),
             Err(e) => return Err(e),
         }
+        let still = self.clock.now();
         self.clock.sleep(Duration::from_millis(self.settings.settle_ms)).await;
         self.still_allowed()?;
+        let settled = self.clock.now();
         let measured = self.measure_arrival(targets).await?;
         self.require_kept()?;
+
+        let way = self.shortest(targets, here, feed);
+        spent(Part::Command, accepted.since(begun));
+        spent(Part::Motion, way);
+        spent(Part::EndOfMotion, ended.since(accepted).saturating_sub(way));
+        spent(Part::Settle, settled.since(still));
+        spent(Part::Position, self.clock.now().since(settled));
         Ok(Reached { measured, recoveries })
+    }
+
+    /// How long a straight move takes that loses no time: the slowest of its axes decides.
+    fn shortest(&self, targets: &[(usize, f64)], here: &[Measured], feed: f64) -> Duration {
+        let ways: Vec<f64> = targets.iter().map(|(at, t)| (t - here[*at].position).abs()).collect();
+        let line = ways.iter().map(|w| w * w).sum::<f64>().sqrt();
+        let time = |((at, _), way): (&(usize, f64), &f64)| {
+            let limits = self.settings.axes[&self.names[*at]].limits();
+            let share = if line > 0.0 { way / line } else { 0.0 };
+            let feed = (feed * share).min(limits.max_feed);
+            if feed > 0.0 { Profile::new(0.0, *way, feed, limits.accel).duration() } else { Duration::ZERO }
+        };
+        targets.iter().zip(&ways).map(time).max().unwrap_or_default()
     }
 
     /// Waits for the end of motion. A device that has stalled is stopped.

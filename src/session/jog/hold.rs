@@ -197,9 +197,13 @@ mod tests {
             touches in touches(), tells_repeats: bool, later in 151_u64..10_000
         ) {
             let (mut hold, mut t) = (Hold::new(tells_repeats), Instant::now());
+            let mut heard = [None::<Instant>; 2];
             for (what, after) in touches {
                 t += ms(after);
                 let direction = if what % 2 == 0 { RIGHT } else { UP };
+                if what < 4 {
+                    heard[usize::from(what % 2)] = Some(t);
+                }
                 hold.take(match what {
                     0 | 1 => Touch::Press(direction),
                     2 | 3 => Touch::Repeat(direction),
@@ -207,8 +211,9 @@ mod tests {
                     _ => Touch::FocusLost,
                 }, t);
                 if let Some(gliding) = hold.gliding(t) {
-                    prop_assert!(what < 4, "only a touch or a repeat sets in motion");
-                    prop_assert_eq!(gliding, direction);
+                    let last = heard[usize::from(gliding == UP)];
+                    prop_assert!(last.is_some_and(|last| t - last <= DEAD_MAN), "{gliding:?} was not heard of");
+                    prop_assert!(what != 6 && !(what >= 4 && gliding == direction), "it was let go");
                 }
             }
             prop_assert_eq!(hold.gliding(t + ms(later)), None);

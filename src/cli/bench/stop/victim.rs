@@ -19,7 +19,7 @@ pub(super) const SPEED: f64 = 20.0;
 /// What the witness is told, a line each; it answers with a line when it wants the next round.
 pub(super) const READY: &str = "ready";
 
-/// Keeps axes moving, stops at every signal, and begins anew, until standard input ends.
+/// Keeps axes moving, stops at every signal, and begins anew, until it is killed.
 pub(super) async fn run(args: &Args) -> Exit {
     match serve(args).await {
         Ok(()) => Exit::Done,

@@ -163,9 +163,7 @@ impl Witness {
             }
             self.tell.write_all(b"next\n").await?;
         }
-        drop(self.tell);
-        // It finishes the step it is computing.
-        _ = tokio::time::timeout(PATIENCE, self.child.wait()).await;
+        self.child.kill().await?;
         Ok(measured)
     }
 
