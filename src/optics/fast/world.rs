@@ -3,8 +3,9 @@
 //! Every surface is cut into patches of about a millimetre: a triangle into a grid in its barycentric
 //! coordinates, the pad's lattice into blocks of quads. Each side of a patch is an element of the radiosity solution.
 
-use crate::optics::{Albedo, Error, Mesh, Role, Scene, accel::Accel, accel::Hit, emitter::Emitter};
-use crate::optics::{Material, light::Light};
+use super::source::Lamp;
+use crate::optics::Material;
+use crate::optics::{Albedo, Error, Mesh, Role, Scene, accel::Accel, accel::Hit};
 use glam::Vec3;
 
 /// Edge of a patch, mm.
@@ -171,21 +172,15 @@ impl World {
         (part.albedo, part.light)
     }
 
-    /// Irradiance of a point straight from the lights, each hidden or not as its middle is.
-    pub fn direct(&self, point: Vec3, normal: Vec3, own: Option<usize>, emitters: &[Emitter]) -> Vec3 {
-        let mut sum = Vec3::ZERO;
-        for (k, emitter) in emitters.iter().enumerate() {
-            if own == Some(k) || emitter.is_dark() {
-                continue;
-            }
-            let e = emitter.unoccluded(point, normal);
-            let from = point + normal * self.offset;
-            let to = emitter.center + (from - emitter.center) * 1e-4;
-            if e > 0.0 && !self.blocked(from, to) {
-                sum += emitter.radiance * e;
-            }
+    /// Irradiance of a point straight from light `k` of radiance 1, hidden or not as its middle is.
+    pub fn direct(&self, point: Vec3, normal: Vec3, own: Option<usize>, k: usize, lamp: &Lamp) -> f32 {
+        if own == Some(k) {
+            return 0.0;
         }
-        sum
+        let e = lamp.irradiance(point, normal);
+        let from = point + normal * self.offset;
+        let to = lamp.center + (from - lamp.center) * 1e-4;
+        if e > 0.0 && !self.blocked(from, to) { e } else { 0.0 }
     }
 }
 
@@ -234,13 +229,6 @@ impl Cut {
             }
         }
     }
-}
-
-/// Whether a light is one whose irradiance is known in closed form.
-pub fn closed_form(light: &Light) -> bool {
-    matches!(light.shape, crate::optics::LightShape::Rectangle { .. })
-        && light.cosine_power == 0.0
-        && !light.two_sided
 }
 
 #[cfg(test)]

@@ -1,0 +1,102 @@
+//! A clear plate between camera and pad, as the fast renderer sees it: rays through it in closed form.
+//!
+//! The faces are at right angles to z and wider than the box they stand in, so a path through the plate stays in one
+//! upright plane, whatever it does inside. With x the tangent of its angle in air, h the heights travelled in air and
+//! t that in glass, it gets r = h x + t x / sqrt(n^2 + (n^2 - 1) x^2) ahead (see `reference::plate`). A path that is
+//! reflected twice inside is one through a plate three times as thick.
+
+use crate::optics::bsdf::fresnel;
+use glam::{Vec2, Vec3};
+
+/// Orders of inner reflection that are followed.
+const ORDERS: usize = 4;
+
+/// A plate of infinite width.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Slab {
+    /// Height of the lower face, mm.
+    pub low: f32,
+    /// Height of the upper face, mm.
+    pub high: f32,
+    /// Index of refraction.
+    pub ior: f32,
+}
+
+/// How a point above is seen from below.
+#[derive(Debug, Clone, Copy)]
+pub struct Sighted {
+    /// A vector in the direction in which it appears, as long as makes small areas appear under their solid angle.
+    pub offset: Vec3,
+    /// Part of its radiance that arrives.
+    pub transmitted: f32,
+}
+
+impl Slab {
+    fn glass(&self) -> f32 {
+        self.high - self.low
+    }
+
+    /// Way ahead in a thickness `t` of glass.
+    #[inline(always)]
+    fn ahead(&self, x: f32, t: f32) -> f32 {
+        let n2 = self.ior * self.ior;
+        t * x / (n2 + (n2 - 1.0) * x * x).sqrt()
+    }
+
+    /// Tangent of the angle in air of the path that gets `r` ahead over `air` and `glass`.
+    #[inline(always)]
+    fn tangent(&self, r: f32, air: f32, glass: f32) -> f32 {
+        let n2 = self.ior * self.ior;
+        let mut x = r / (air + glass / self.ior);
+        // Concave: Newton's method from the left never overshoots; four steps reach single precision.
+        for _ in 0..6 {
+            let root = (n2 + (n2 - 1.0) * x * x).sqrt();
+            let slope = air + glass * n2 / (root * root * root);
+            x += (r - air * x - glass * x / root) / slope;
+        }
+        x
+    }
+
+    /// Where a ray from above goes on below: its point on the lower face, and its direction for a unit of depth.
+    pub fn below(&self, origin: Vec3, direction: Vec3) -> [Vec3; 2] {
+        let flat = direction.truncate() / -direction.z;
+        let x = flat.length();
+        let ahead = if x > 0.0 { flat / x } else { Vec2::X };
+        let r = x * (origin.z - self.high) + self.ahead(x, self.glass());
+        [(origin.truncate() + ahead * r).extend(self.low), flat.extend(-1.0)]
+    }
+
+    /// The tangent at which a camera above sees a point below, and its value: one over its depth below the plate.
+    #[inline(always)]
+    pub fn apparent(&self, camera: Vec3, p: Vec3) -> (Vec2, f32) {
+        let flat = (p - camera).truncate();
+        let r = flat.length();
+        let depth = (self.low - p.z).max(1e-3);
+        let x = self.tangent(r, camera.z - self.high + depth, self.glass());
+        (if r > 0.0 { flat * (x / r) } else { flat }, 1.0 / depth)
+    }
+
+    /// How a point `y` above appears from a point `p` below after `2 order` reflections inside.
+    pub fn sighted(&self, p: Vec3, y: Vec3, order: usize) -> Sighted {
+        let flat = (y - p).truncate();
+        let r = flat.length();
+        let (air, glass) = ((y.z - p.z) - self.glass(), self.glass() * (2 * order + 1) as f32);
+        let air = air.max(1e-4);
+        let x = self.tangent(r, air, glass);
+        let cos = 1.0 / (1.0 + x * x).sqrt();
+        let face = fresnel(cos, self.ior);
+        let transmitted = (1.0 - face) * (1.0 - face) * face.powi(2 * order as i32);
+        let ahead = if r > 0.0 { flat / r } else { Vec2::X };
+        Sighted { offset: (ahead * x).extend(1.0), transmitted }
+    }
+
+    /// The orders worth following.
+    pub fn orders() -> std::ops::Range<usize> {
+        0..ORDERS
+    }
+
+    /// Whether the point is below the plate.
+    pub fn covers(&self, p: Vec3) -> bool {
+        p.z < self.low
+    }
+}
