@@ -86,6 +86,18 @@ impl Signals {
     }
 }
 
+/// Raises the priority of the calling thread where the system allows it (root, or a limit `nice` below 0): it sleeps
+/// until it matters. Elsewhere it still comes before the simulation, whose threads give way.
+fn come_first() {
+    #[cfg(target_os = "linux")]
+    {
+        let thread = rustix::thread::gettid();
+        if let Err(e) = rustix::process::setpriority_process(Some(thread), -15) {
+            tracing::debug!("the thread of signals keeps its priority: {e}");
+        }
+    }
+}
+
 /// Calls `act` with the number of each SIGINT, SIGTERM and SIGHUP, on a thread of its own, until the process ends.
 ///
 /// # Errors
@@ -93,6 +105,7 @@ impl Signals {
 pub fn on_each(mut act: impl FnMut(u8) + Send + 'static) -> std::io::Result<()> {
     let (ready, installed) = std::sync::mpsc::channel();
     std::thread::Builder::new().name("signals".into()).spawn(move || {
+        come_first();
         let runtime = match tokio::runtime::Builder::new_current_thread().enable_io().build() {
             Ok(runtime) => runtime,
             Err(e) => {

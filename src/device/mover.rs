@@ -74,6 +74,8 @@ pub struct Mover {
     clock: Clock,
     names: Vec<String>,
     homed: Homed,
+    /// Where the last move was measured to end; forgotten with the next one, and with trust.
+    resting: Option<Vec<Measured>>,
     identity: Option<String>,
     /// Recovery that the last alarm asks for.
     recover: Option<String>,
@@ -114,6 +116,7 @@ impl Mover {
             clock,
             names,
             homed: Homed::default(),
+            resting: None,
             identity: None,
             recover: None,
         };
@@ -213,6 +216,7 @@ impl Mover {
     pub async fn home(&mut self) -> Result<(), MoverError> {
         self.end_of_stop().await?;
         self.homed.begin();
+        self.resting = None;
         self.link.set_homing(true);
         let begun = self.clock.now();
         let result = self.search_reference().await;
@@ -238,6 +242,19 @@ impl Mover {
     pub async fn position(&mut self) -> Result<Vec<Measured>, MoverError> {
         self.end_of_stop().await?;
         self.read_positions().await
+    }
+
+    /// Where the device is, for planning the next move: where the last one was measured to end, if nothing has
+    /// happened since, or else as it tells now. What proves an arrival or a capture is always asked.
+    pub async fn resting(&mut self) -> Result<Vec<Measured>, MoverError> {
+        let nothing_happened = !self.stop_handle().is_stopped() && self.reference() == Reference::Referenced;
+        if let Some(resting) = self.resting.clone().filter(|_| nothing_happened) {
+            return Ok(resting);
+        }
+        let asked = self.clock.now();
+        let here = self.position().await;
+        spent(Part::Position, self.clock.now().since(asked));
+        here
     }
 
     async fn read_positions(&mut self) -> Result<Vec<Measured>, MoverError> {
@@ -268,6 +285,7 @@ impl Mover {
 
     /// Stops, and waits until the stop's steps have ended.
     pub async fn stop(&mut self, kind: StopKind) -> Result<(), MoverError> {
+        self.resting = None;
         self.stop_handle().stop(kind);
         self.end_of_stop().await
     }
@@ -275,6 +293,7 @@ impl Mover {
     /// Where a stop was called: waits for the end of its steps, then allows motion again.
     async fn end_of_stop(&mut self) -> Result<(), MoverError> {
         if self.stop_handle().is_stopped() {
+            self.resting = None;
             self.link.finish_stop().await?;
         }
         Ok(())

@@ -6,7 +6,7 @@
 
 use super::event::AxisReading;
 use super::stop::{StopLevel, StopSwitch};
-use crate::clock::{Clock, Part, spent};
+use crate::clock::{Clock, Part, Timestamp, spent};
 use crate::device::camera::{Camera, CameraError};
 use crate::device::mover::{Mover, MoverError, Observer, Reference};
 use crate::frame::Frame;
@@ -30,6 +30,8 @@ pub struct Bench {
     pub stop: StopSwitch,
     /// The pose that was reached last, as it was asked for.
     pub reached: Option<Pose>,
+    /// When the last motion had ended, before settling.
+    pub rested_at: Option<Timestamp>,
 }
 
 /// How fast to go.
@@ -152,6 +154,20 @@ impl Bench {
         Ok((self.map.pose(find), positions))
     }
 
+    /// Where the indenter rests, for planning: asked only of devices that do not know it from their last move.
+    async fn resting(&mut self) -> Result<Pose, BenchError> {
+        let mut positions = BTreeMap::new();
+        for (name, mover) in &mut self.movers {
+            for reading in mover.resting().await? {
+                positions.insert((name.clone(), reading.axis), reading.position);
+            }
+        }
+        let find = |device: &str, axis: &str| {
+            positions.get(&(device.to_owned(), axis.to_owned())).copied().unwrap_or(f64::NAN)
+        };
+        Ok(self.map.pose(find))
+    }
+
     /// Pairs what was measured with what was asked for at `commanded`.
     pub fn readings(&self, commanded: &Pose, measured: &[(String, String, f64)]) -> Vec<AxisReading> {
         let mut readings = Vec::new();
@@ -171,7 +187,7 @@ impl Bench {
 
     /// Goes to a pose in the order that never drags, and returns when everything has settled there.
     pub async fn go(&mut self, to: &Pose, feeds: Feeds) -> Result<(), BenchError> {
-        let (measured, _) = self.measured().await?;
+        let measured = self.resting().await?;
         let from = self.as_asked(measured);
         self.reached = None;
         self.go_from(&from, to, feeds).await?;
@@ -276,19 +292,21 @@ impl Bench {
         for (device, targets) in by_device {
             self.check_stop()?;
             let targets: Vec<_> = targets.iter().map(|(role, t)| (role.axis.as_str(), *t)).collect();
-            self.mover(&device).move_to(&targets, feed).await?;
+            let reached = self.mover(&device).move_to(&targets, feed).await?;
+            self.rested_at = Some(reached.rested_at);
         }
         Ok(())
     }
 
-    /// A frame exposed after now that agrees with the one after it, and how much the two differ.
+    /// A frame exposed after now that agrees with one before it, and how much the two differ. The one before may
+    /// have been exposed while the bench settled: what was still then and still looks the same is still.
     pub async fn still_frame(
         &mut self,
         allowed_rms: f64,
         within: Duration,
     ) -> Result<(Frame, f64), BenchError> {
         let begun = self.clock.now();
-        let mut before = self.fresh_frame(within).await?;
+        let mut before = self.frame_since(self.rested_at.map_or(begun, |at| at.min(begun)), within).await?;
         loop {
             self.check_stop()?;
             let next = self.fresh_frame(within).await?;
@@ -306,9 +324,14 @@ impl Bench {
 
     /// The next frame exposed from now on.
     pub async fn fresh_frame(&mut self, within: Duration) -> Result<Frame, BenchError> {
+        self.frame_since(self.clock.now(), within).await
+    }
+
+    /// The next frame exposed at `t` or later.
+    async fn frame_since(&mut self, t: Timestamp, within: Duration) -> Result<Frame, BenchError> {
         let now = self.clock.now();
         tokio::select! {
-            frame = self.camera.frame_after(now, within) => {
+            frame = self.camera.frame_after(t, within) => {
                 let (frame, took) = (frame?, self.clock.now().since(now));
                 let exposure = frame.stamp.exposure.unwrap_or_default().min(took);
                 spent(Part::Exposure, exposure);

@@ -163,8 +163,15 @@ impl TestBench {
         };
         let camera = VirtualCamera::new(&rig.camera, look, world.clone(), clock);
         let faults = camera.faults();
-        let bench =
-            Bench { movers, map: rig.motion.clone(), camera: Box::new(camera), clock, stop, reached: None };
+        let bench = Bench {
+            movers,
+            map: rig.motion.clone(),
+            camera: Box::new(camera),
+            clock,
+            stop,
+            reached: None,
+            rested_at: None,
+        };
         let (answer, mounts, struck_at) = (Some(true), true, Arc::default());
         Ok(TestBench {
             bench,

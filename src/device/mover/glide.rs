@@ -49,6 +49,7 @@ impl Mover {
 
     async fn accept(&mut self, axis: &str, target: f64, feed: f64) -> Result<(), MoverError> {
         self.end_of_stop().await?;
+        self.resting = None;
         let targets = self.check_targets(&[(axis, target)])?;
         self.settings.axes[axis].limits().check_feed(axis, feed)?;
         self.require_reference()?;

@@ -5,7 +5,7 @@
 //! measure again.
 
 use super::{Measured, Mover, MoverError, Reference};
-use crate::clock::{Part, spent};
+use crate::clock::{Part, Timestamp, spent};
 use crate::device::settings::{Approach, Side};
 use crate::motion::{LimitError, Profile};
 use crate::protocol::{Failure, Request, StopKind};
@@ -16,6 +16,8 @@ use std::time::Duration;
 pub struct Reached {
     /// All axes, measured after settling.
     pub measured: Vec<Measured>,
+    /// When the device had said that it is at rest: settling began.
+    pub rested_at: Timestamp,
     /// How often something had to be recovered on the way (a lost reply).
     pub recoveries: u32,
 }
@@ -32,11 +34,9 @@ impl Mover {
         self.end_of_stop().await?;
         let targets = self.check_targets(targets)?;
         self.require_reference()?;
-        let asked = self.clock.now();
-        let here = self.read_positions().await?;
-        spent(Part::Position, self.clock.now().since(asked));
+        let here = self.resting().await?;
         self.check_feed(&targets, feed, &here)?;
-        let mut reached = Reached { measured: here.clone(), recoveries: 0 };
+        let mut reached = Reached { measured: here.clone(), rested_at: self.clock.now(), recoveries: 0 };
         for leg in self.legs(&targets, &here) {
             self.still_allowed()?;
             let legs = self.travel(&leg, &reached.measured, feed).await?;
@@ -118,6 +118,7 @@ impl Mover {
         feed: f64,
     ) -> Result<Reached, MoverError> {
         let mut recoveries = 0;
+        self.resting = None;
         let begun = self.clock.now();
         let sent = self.call(Request::Move { targets: targets.to_vec(), feed, jog: false }).await;
         let confirmed = match sent {
@@ -134,15 +135,15 @@ impl Mover {
         self.settle().await?;
         let ended = self.clock.now();
         let arrived = self.measure_arrival(targets).await;
-        spent(Part::Position, self.clock.now().since(ended));
         self.require_kept()?;
         match arrived {
             Ok(_) => {}
             Err(MoverError::NotReached { .. }) if !confirmed => return Err(MoverError::MoveUnconfirmed),
             Err(e) => return Err(e),
         }
-        let still = self.clock.now();
-        self.clock.sleep(Duration::from_millis(self.settings.settle_ms)).await;
+        // The question has been answered while it settled.
+        let settling = Duration::from_millis(self.settings.settle_ms);
+        self.clock.sleep(settling.saturating_sub(self.clock.now().since(ended))).await;
         self.still_allowed()?;
         let settled = self.clock.now();
         let measured = self.measure_arrival(targets).await?;
@@ -152,9 +153,11 @@ impl Mover {
         spent(Part::Command, accepted.since(begun));
         spent(Part::Motion, way);
         spent(Part::EndOfMotion, ended.since(accepted).saturating_sub(way));
-        spent(Part::Settle, settled.since(still));
+        spent(Part::Settle, settling);
+        spent(Part::Position, settled.since(ended).saturating_sub(settling));
         spent(Part::Position, self.clock.now().since(settled));
-        Ok(Reached { measured, recoveries })
+        self.resting = Some(measured.clone());
+        Ok(Reached { measured, rested_at: ended, recoveries })
     }
 
     /// How long a straight move takes that loses no time: the slowest of its axes decides.

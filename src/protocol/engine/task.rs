@@ -5,6 +5,9 @@
 
 use super::*;
 
+/// From the first report of rest after motion to the question whether it is so.
+const CONFIRM: Duration = Duration::from_millis(20);
+
 /// One verb with its wait.
 #[derive(Debug, Clone)]
 pub(super) enum Act {
@@ -495,6 +498,11 @@ impl Engine {
             }
             if settle.idle_in_a_row >= self.spec.done.confirm_n {
                 return Check::Met;
+            }
+            if settle.idle_in_a_row > 0 && settle.last_state == Some(MotionState::Moving) {
+                // It was seen moving and says that it rests: that is asked again soon. One that has not been seen
+                // moving may not have begun.
+                settle.ask.due = settle.ask.due.min(now.after(CONFIRM.mul_f64(self.patience)));
             }
         }
         // Progress is a position that changes; where none is reported, an answer has to do.
