@@ -22,6 +22,7 @@ mod move_to;
 mod options;
 mod protocol;
 mod render;
+mod replay;
 mod report;
 mod simulate;
 mod status;
@@ -65,6 +66,7 @@ enum Command {
     Render(render::Args),
     Protocol(protocol::Args),
     Bench(bench::Args),
+    Replay(replay::Args),
 }
 
 /// Parses the arguments, runs the subcommand, and turns its ending into an exit code.
@@ -98,6 +100,7 @@ pub fn main() -> ExitCode {
             Command::Render(args) => args.run(),
             Command::Protocol(args) => args.run(),
             Command::Bench(args) => args.run().await,
+            Command::Replay(args) => args.run(),
         }
     });
     // Blocking threads (a camera that hangs in its driver) must not keep the process alive.

@@ -220,6 +220,14 @@ fn describe<T: DeserializeOwned>(tree: &Node, path: &Path, error: &ReadError) ->
             let allowed = format!("{wanted} ({})", reason.trim().trim_start_matches("error: "));
             Problem { key, value: written, allowed, next: "correct the expression".to_owned() }
         }
+        Fault::Other(message) if message.starts_with(&format!("{written} is not ")) => {
+            let wanted = message[written.len() + " is not ".len()..].to_owned();
+            Problem { key, value: written, next: format!("write {wanted}"), allowed: wanted }
+        }
+        Fault::Other(message) if message.starts_with(&format!("{written}: ")) => {
+            let (value, allowed) = (message.clone(), "what can be read, as in the shipped files".to_owned());
+            Problem { key, value, allowed, next: "correct it".to_owned() }
+        }
         Fault::Other(message) => {
             let next = "see the comments in the shipped files".to_owned();
             let allowed = if message.contains("untagged enum") {

@@ -191,7 +191,7 @@ fn check_rx(spec: &Arc<Spec>, vector: &Vector) -> Result<(), String> {
 }
 
 /// Bytes for a message: as text where they are text.
-pub(super) fn show(bytes: &[u8]) -> String {
+pub fn show(bytes: &[u8]) -> String {
     if bytes.iter().all(|b| (0x20..0x7f).contains(b) || matches!(b, b'\n' | b'\r')) {
         format!("{:?}", String::from_utf8_lossy(bytes))
     } else {

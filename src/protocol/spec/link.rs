@@ -375,6 +375,9 @@ pub struct AxisSpec {
     /// The number sent as `{feed_counts}` for one count per second.
     #[serde(default = "one")]
     pub feed_counts_scale: f64,
+    /// The number sent as `{accel_counts}` for one count per second squared.
+    #[serde(default = "one")]
+    pub accel_counts_scale: f64,
     /// Whether the rig file must give `counts_per_unit`.
     #[serde(default)]
     pub counts: bool,
