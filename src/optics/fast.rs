@@ -35,6 +35,7 @@ use frame::{Effort, Frame};
 use glam::{Vec2, Vec3};
 use grid::{Grid, Layout};
 use horizon::Heights;
+use plate::Slab;
 use radiosity::Radiosity;
 use raster::Projected;
 use rayon::prelude::*;
@@ -46,7 +47,7 @@ use view::View;
 use world::World;
 
 /// Grid of the direct tables: across and upwards, mm.
-const DIRECT_STEP_MM: f32 = 0.25;
+const DIRECT_STEP_MM: f32 = 0.5;
 /// Heights above the untouched face that are tabulated, mm.
 const DIRECT_LIFT_MM: [f32; 2] = [-0.75, 3.0];
 /// Grid of the probes, mm.
@@ -73,6 +74,9 @@ pub struct Precomputed {
     total: Grid<{ probes::NUMBERS }>,
     /// What of the fixed parts shows, of all lights together, by corner.
     fixed_total: Vec<Vec3>,
+    /// What a plate mirrors into each pixel, and the part of the pad's light that it lets through; empty without one.
+    veil_total: Vec<Vec3>,
+    transmitted: Vec<f32>,
     /// Extent of a pixel on the untouched face, mm.
     pixel_mm: f32,
 }
@@ -80,12 +84,15 @@ pub struct Precomputed {
 /// What takes long to work out. All of it is for lights of radiance 1.
 #[derive(Debug, Clone, PartialEq)]
 struct Tables {
-    direct: Vec<Grid<{ tables::NUMBERS }>>,
+    /// By light, where it has no closed form.
+    direct: Vec<Option<Grid<3>>>,
     /// By light.
     probes: Vec<Grid<{ probes::NUMBERS }>>,
     /// Fixed parts that corners of pixels see: inverse depth, and radiance by light; empty where none sees any.
     fixed: Vec<f32>,
     fixed_lights: Vec<Vec<Vec3>>,
+    /// What a plate mirrors into each pixel, by light; empty without one.
+    veils: Vec<Vec<Vec3>>,
 }
 
 impl Precomputed {
@@ -103,6 +110,7 @@ impl Precomputed {
         if sources.is_empty() {
             return Err(unsupported("lights", "none", "scenes with a light"));
         }
+        let slab = Slab::of(untouched)?;
         let world = World::new(&coarse(untouched)?, true)?;
         let lamps: Vec<Lamp> = untouched.lights.iter().filter_map(Lamp::new).collect();
 
@@ -128,16 +136,21 @@ impl Precomputed {
             lift_step_mm: PROBE_LIFT_STEP_MM,
         };
         // What arrives at the pad indirectly was scattered at least once, and at the pad once more.
-        let events = untouched.max_events.saturating_sub(1);
+        // (Through a plate about every second event is one of its faces.)
+        let events = match slab {
+            Some(_) => (untouched.max_events / 2).saturating_sub(1).max(1),
+            None => untouched.max_events.saturating_sub(1),
+        };
         let buried = |p: Vec3| p.z < heights.at(p.truncate()) - BURIED_MM;
         let solved = Radiosity::new(&world, &lamps, events, buried);
-        let view = View::new(&untouched.camera, None);
+        let view = View::new(&untouched.camera, slab);
         let (fixed, fixed_lights) = fixed_corners(untouched, &view, &world, &lamps, &solved)?;
         let tables = Tables {
-            direct: tables::direct(&sources, None, &direct_layout, rest),
+            direct: tables::direct(&sources, slab.as_ref(), &direct_layout, rest),
             probes: probes::gather(&world, &solved, &probe_layout, rest),
             fixed,
             fixed_lights,
+            veils: slab.map_or_else(Vec::new, |slab| veils(&view, &slab, &world, &solved)),
         };
         Ok(Self::assemble(untouched, view, sources, tables))
     }
@@ -148,6 +161,18 @@ impl Precomputed {
         for (light, radiance) in tables.fixed_lights.iter().zip(&radiances) {
             fixed_total.iter_mut().zip(light).for_each(|(sum, l)| *sum += *l * *radiance);
         }
+        let pixels = untouched.camera.width * untouched.camera.height;
+        let mut veil_total = vec![Vec3::ZERO; if tables.veils.is_empty() { 0 } else { pixels }];
+        for (light, radiance) in tables.veils.iter().zip(&radiances) {
+            veil_total.iter_mut().zip(light).for_each(|(sum, l)| *sum += *l * *radiance);
+        }
+        let transmitted = view.slab.map_or_else(Vec::new, |slab| {
+            let width = view.camera.width;
+            let centre = |k: usize| Vec2::new((k % width) as f32 + 0.5, (k / width) as f32 + 0.5);
+            (0..pixels)
+                .map(|k| slab.transmitted(view.camera.ray(centre(k).x, centre(k).y, Vec2::ZERO).1))
+                .collect()
+        });
         let camera = &untouched.camera;
         let pixel_mm = 2.0 * camera.tan_half_x * camera.origin.z.abs() / camera.width as f32;
         Self {
@@ -158,6 +183,8 @@ impl Precomputed {
             radiances,
             tables,
             fixed_total,
+            veil_total,
+            transmitted,
             pixel_mm,
         }
     }
@@ -178,14 +205,18 @@ impl Precomputed {
 
     /// Part of the pad's light that reaches pixel (x, y).
     #[inline(always)]
-    fn transmitted(&self, _x: usize, _y: usize) -> f32 {
-        1.0
+    fn transmitted(&self, x: usize, y: usize) -> f32 {
+        self.transmitted.get(y * self.view.camera.width + x).copied().unwrap_or(1.0)
     }
 
-    /// Light between the pad and the camera in picture `film` of `films`.
+    /// Light that a plate mirrors into a pixel of picture `film` of `films`.
     #[inline(always)]
-    fn veil(&self, _film: usize, _films: usize, _x: usize, _y: usize) -> Vec3 {
-        Vec3::ZERO
+    fn veil(&self, film: usize, films: usize, x: usize, y: usize) -> Vec3 {
+        if self.veil_total.is_empty() {
+            return Vec3::ZERO;
+        }
+        let veil = if films == 1 { &self.veil_total } else { &self.tables.veils[film] };
+        veil[y * self.view.camera.width + x]
     }
 }
 
@@ -422,6 +453,36 @@ fn same_but_pad_mesh(scene: &Scene, fixed: &Scene) -> bool {
         })
 }
 
+/// All surfaces but plates.
+fn solid(scene: &Scene) -> Vec<super::Surface> {
+    scene.surfaces.iter().filter(|s| s.role != Role::Plate).cloned().collect()
+}
+
+/// What a plate mirrors into each pixel, by light of radiance 1.
+fn veils(view: &View, slab: &Slab, world: &World, solved: &Radiosity) -> Vec<Vec<Vec3>> {
+    let camera = &view.camera;
+    let seen: Vec<Vec<Vec3>> = (0..camera.width * camera.height)
+        .into_par_iter()
+        .map(|k| {
+            let at = Vec2::new((k % camera.width) as f32 + 0.5, (k / camera.width) as f32 + 0.5);
+            let (origin, direction) = camera.ray(at.x, at.y, Vec2::ZERO);
+            let up = direction.with_z(-direction.z);
+            let mut sums = vec![Vec3::ZERO; solved.lights];
+            for (from, weight) in slab.mirrored(origin, direction) {
+                let Some(met) = world.trace(from + up * world.offset, up) else { continue };
+                for (sum, radiance) in sums.iter_mut().zip(solved.radiance(met.element)) {
+                    *sum += *radiance * weight;
+                }
+                if let Some(light) = met.light.filter(|_| met.front) {
+                    sums[light] += Vec3::splat(weight);
+                }
+            }
+            sums
+        })
+        .collect();
+    (0..solved.lights).map(|l| seen.iter().map(|s| s[l]).collect()).collect()
+}
+
 /// Inverse depth by corner, and radiance by light and corner.
 type Fixed = (Vec<f32>, Vec<Vec<Vec3>>);
 
@@ -433,19 +494,25 @@ fn fixed_corners(
     lamps: &[Lamp],
     solved: &Radiosity,
 ) -> Result<Fixed, Error> {
-    let bare = World::new(scene, false)?;
+    // What stands above a plate is not in its way: walls are wider than the view there.
+    let bare = World::new(&Scene { surfaces: solid(scene), ..scene.clone() }, false)?;
     let [columns, rows] = view.corners();
     let lights = lamps.len();
     let samples: Vec<(f32, Vec<Vec3>)> = (0..columns * rows)
         .into_par_iter()
         .map(|k| {
             let at = Vec2::new((k % columns) as f32, (k / columns) as f32);
-            let (origin, direction) = view.camera.ray(at.x, at.y, Vec2::ZERO);
-            let Some(met) = bare.trace(origin, direction) else { return (f32::NEG_INFINITY, Vec::new()) };
-            let value = 1.0 / (met.hit.t * direction.dot(view.camera.forward));
+            let [start, along] = view.ray(at);
+            let direction = along.normalize();
+            let Some(met) = bare.trace(start + direction * bare.offset, direction) else {
+                return (f32::NEG_INFINITY, Vec::new());
+            };
+            let value = along.length() / met.hit.t;
             // Its radiance is that of the whole sensor, pad included; what the pad hides is not shown anyway.
-            let free = world.trace(origin, direction).filter(|whole| whole.hit.t >= met.hit.t * 0.999);
-            let Some(whole) = free else { return (value, vec![Vec3::ZERO; lights]) };
+            let free = world.trace(start + direction * bare.offset, direction);
+            let Some(whole) = free.filter(|whole| whole.hit.t >= met.hit.t * 0.999) else {
+                return (value, vec![Vec3::ZERO; lights]);
+            };
             let of_light = |l: usize| {
                 let e = world.direct(met.hit.point, met.normal, met.light, l, &lamps[l]);
                 let own = if met.front && met.light == Some(l) { Vec3::ONE } else { Vec3::ZERO };
@@ -567,7 +634,10 @@ mod tests {
         refused(&|s| {
             s.lights[0].shape = LightShape::Mesh(Arc::new(Mesh::parallelogram(Vec3::Z, Vec3::X, Vec3::Y)))
         });
-        refused(&|s| *s = bench_scene::parse(SCENE, bench_scene::Variant::B).unwrap());
+        refused(&|s| {
+            *s = bench_scene::parse(SCENE, bench_scene::Variant::B).unwrap();
+            s.surfaces[2].material = Material::RoughDielectric { ior: 1.49, alpha: 0.1 };
+        });
         let mut moved = scene(bench_scene::Variant::Ac, sphere);
         moved.lights[0].radiance *= 2.0;
         assert!(Renderer::new(&ONCE, &moved, 0.005).is_err());

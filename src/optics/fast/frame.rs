@@ -11,7 +11,7 @@ use super::raster::{Sample, corners};
 use super::shade::Block;
 use super::slots::{POSITION, Slots};
 use super::source::{LINES, Line};
-use super::vector::irradiance;
+use super::vector::{irradiance, quadrilateral};
 use crate::optics::{Albedo, Film, Mesh};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -100,53 +100,78 @@ impl Frame<'_> {
             .then(|| (super::View::point(view.row(y)[x], sample.value), sample.triangle))
     }
 
-    /// Fills a node.
+    /// Fills up to eight nodes at once. `hidden` tells for which lights horizons are worth following.
     #[inline(always)]
-    fn node(&self, p: Vec3, out: &mut [f32]) {
+    fn fill(&self, points: &[Vec3], out: &mut [f32], hidden: impl Fn(usize) -> bool) {
         let (once, slots) = (self.once, &self.slots);
-        out[POSITION..3].copy_from_slice(&p.to_array());
-        let lights = once.sources.len();
-        for (t, table) in once.tables.direct.iter().enumerate() {
-            let values = table.at(p);
-            let first = t * super::tables::LIGHTS_A_TABLE;
-            let n = 3 * (lights - first).min(super::tables::LIGHTS_A_TABLE);
-            out[slots.direct(first)..][..n].copy_from_slice(&values[..n]);
+        let stride = slots.stride();
+        let mut eight = Vectors::all(points[0]);
+        for (i, p) in points.iter().enumerate() {
+            (eight.x.0[i], eight.y.0[i], eight.z.0[i]) = (*p).into();
+        }
+        for (l, (source, table)) in once.sources.iter().zip(&once.tables.direct).enumerate() {
+            let phi = match (table, source.corners()) {
+                (None, Some(corners)) => quadrilateral(&corners, eight),
+                _ => Vectors::all(Vec3::ZERO),
+            };
+            for (i, (p, node)) in points.iter().zip(out.chunks_exact_mut(stride)).enumerate() {
+                let phi = match table {
+                    Some(table) => Vec3::from(table.at(*p)),
+                    None if source.faces(*p) => Vec3::new(phi.x.0[i], phi.y.0[i], phi.z.0[i]),
+                    None => Vec3::ZERO,
+                };
+                node[slots.direct(l)..][..3].copy_from_slice(&phi.to_array());
+            }
         }
         let grids =
             if slots.films == 1 { std::slice::from_ref(&once.total) } else { &once.tables.probes[..] };
-        for (film, grid) in grids.iter().enumerate() {
-            let values = grid.at(p);
-            out[slots.indirect(film)..][..values.len()].copy_from_slice(&values);
+        for (p, node) in points.iter().zip(out.chunks_exact_mut(stride)) {
+            node[POSITION..3].copy_from_slice(&p.to_array());
+            for (film, grid) in grids.iter().enumerate() {
+                let values = grid.at(*p);
+                node[slots.indirect(film)..][..values.len()].copy_from_slice(&values);
+            }
+            for l in 0..once.sources.len() {
+                self.horizons(l, *p, node, hidden(l));
+            }
         }
-        for (l, source) in once.sources.iter().enumerate() {
-            let lines = source.seen(p, once.view.slab.as_ref());
-            let mut hides = false;
-            for (k, [low, high]) in lines.iter().enumerate() {
-                let middle = (*low + *high).truncate() * 0.5;
-                let distance = middle.length().max(1e-6);
-                let ahead = middle / distance;
-                let slope = |q: Vec3| q.z / q.truncate().dot(ahead).max(1e-3 * distance);
-                let (from, to) = (slope(*low), slope(*high));
-                let least = from.min(to) - BELOW;
-                // A light that appears through a plate has no distance: the pad's own is never farther than this.
-                let distance = if slots.bent() { f32::INFINITY } else { distance };
-                let horizon = self.heights.horizon(p, ahead, distance, least, from.max(to));
-                out[slots.horizons(l) + k] = horizon;
-                hides |= horizon > from.min(to);
+    }
+
+    /// Fills a node's part on what the pad hides of a light.
+    #[inline(always)]
+    fn horizons(&self, l: usize, p: Vec3, node: &mut [f32], hidden: bool) {
+        let (once, slots) = (self.once, &self.slots);
+        let source = &once.sources[l];
+        let lines = source.seen(p, once.view.slab.as_ref());
+        let mut hides = false;
+        for (k, [low, high]) in lines.iter().enumerate() {
+            let middle = (*low + *high).truncate() * 0.5;
+            let distance = middle.length().max(1e-6);
+            let ahead = middle / distance;
+            let slope = |q: Vec3| q.z / q.truncate().dot(ahead).max(1e-3 * distance);
+            let (from, to) = (slope(*low), slope(*high));
+            let least = from.min(to) - BELOW;
+            // A light that appears through a plate has no distance: the pad's rim ends the line of sight.
+            let distance = if slots.bent() { f32::INFINITY } else { distance };
+            let horizon = match hidden {
+                true => self.heights.horizon(p, ahead, distance, least, from.max(to)),
+                false => least,
+            };
+            node[slots.horizons(l) + k] = horizon;
+            hides |= horizon > from.min(to);
+        }
+        node[slots.light(l)] = f32::from(u8::from(hides));
+        // Behind a light there is nothing to take off.
+        node[slots.gain(l)] = f32::from(u8::from(source.faces(p)));
+        if slots.varying() {
+            let numbers = &mut node[slots.line(l, 0)..][..6 * LINES];
+            for (numbers, end) in numbers.chunks_exact_mut(3).zip(lines.iter().flatten()) {
+                numbers.copy_from_slice(&end.to_array());
             }
-            out[slots.light(l)] = f32::from(u8::from(hides));
-            // Behind a light there is nothing to take off.
-            out[slots.gain(l)] = f32::from(u8::from(source.faces(p)));
-            if slots.varying() {
-                let numbers = &mut out[slots.line(l, 0)..][..6 * LINES];
-                for (numbers, end) in numbers.chunks_exact_mut(3).zip(lines.iter().flatten()) {
-                    numbers.copy_from_slice(&end.to_array());
-                }
-            }
-            if slots.bent() || source.corners().is_none() {
-                let phi = Vec3::from_slice(&out[slots.direct(l)..]);
-                out[slots.gain(l)] = phi.length() / outline(&lines).length().max(1e-12);
-            }
+        }
+        if once.tables.direct[l].is_some() {
+            let phi = Vec3::from_slice(&node[slots.direct(l)..]);
+            node[slots.gain(l)] = phi.length() / outline(&lines).length().max(1e-12);
         }
     }
 }
@@ -175,11 +200,17 @@ impl Work for NodeRow<'_> {
     fn run(self) {
         let camera = &self.frame.once.view.camera;
         let y = (self.row * NODE_PX).min(camera.height);
-        for (i, node) in self.out.chunks_exact_mut(self.frame.slots.stride()).enumerate() {
-            let x = (i * NODE_PX).min(camera.width);
-            match self.frame.corner(x, y) {
-                Some((p, _)) => self.frame.node(p, node),
-                None => node[POSITION] = f32::NAN,
+        let stride = self.frame.slots.stride();
+        for (batch, nodes) in self.out.chunks_mut(WIDTH * stride).enumerate() {
+            let seen = |i: usize| self.frame.corner(((batch * WIDTH + i) * NODE_PX).min(camera.width), y);
+            let mut points = [Vec3::ZERO; WIDTH];
+            let n = nodes.len() / stride;
+            (0..n).for_each(|i| points[i] = seen(i).map_or(Vec3::ZERO, |(p, _)| p));
+            self.frame.fill(&points[..n], nodes, |_| true);
+            for (i, node) in nodes.chunks_exact_mut(stride).enumerate() {
+                if seen(i).is_none() {
+                    node[POSITION] = f32::NAN;
+                }
             }
         }
     }
@@ -276,7 +307,7 @@ impl Desk<'_> {
             return;
         };
         let mut borrowed = vec![0.0; self.frame.slots.stride()];
-        self.frame.node(self.point(x, y), &mut borrowed);
+        self.frame.fill(&[self.point(x, y)], &mut borrowed, |_| true);
         self.shade(rectangle, four.map(|n| if n[POSITION].is_nan() { &borrowed[..] } else { n }));
     }
 
@@ -302,11 +333,14 @@ impl Desk<'_> {
             }
             let (mx, my) = ((x0 + x1) / 2, (y0 + y1) / 2);
             let next = arena.len() / stride;
-            for (x, y) in [(mx, y0), (x0, my), (mx, my), (x1, my), (mx, y1)] {
+            let inner = [(mx, y0), (x0, my), (mx, my), (x1, my), (mx, y1)].map(|(x, y)| self.point(x, y));
+            let (old, fresh) = {
                 let at = arena.len();
-                arena.resize(at + stride, 0.0);
-                self.frame.node(self.point(x, y), &mut arena[at..]);
-            }
+                arena.resize(at + inner.len() * stride, 0.0);
+                arena.split_at_mut(at)
+            };
+            let flag = |l: usize| self.frame.slots.light(l);
+            self.frame.fill(&inner, fresh, |l| ids.iter().any(|k| old[k * stride + flag(l)] > 0.0));
             let [a, b, c, d] = ids;
             let [top, left, middle, right, bottom] = [0, 1, 2, 3, 4].map(|k| next + k);
             waiting.push(([x0, y0, mx, my], [a, top, left, middle]));

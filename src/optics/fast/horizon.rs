@@ -9,6 +9,8 @@ use rayon::prelude::*;
 
 /// Fine cells in a coarse one, each way.
 const COARSE: usize = 4;
+/// Coarse cells in a wide one, each way.
+const WIDE: usize = 4;
 
 /// The pad seen from above.
 pub struct Heights {
@@ -20,6 +22,9 @@ pub struct Heights {
     coarse: [usize; 2],
     /// Largest height of each coarse cell.
     pools: Vec<f32>,
+    wide: [usize; 2],
+    /// Largest height of each wide cell and its eight neighbours.
+    summits: Vec<f32>,
     highest: f32,
 }
 
@@ -39,7 +44,8 @@ impl Heights {
             let pool = &mut pools[k / size[0] / COARSE * coarse[0] + k % size[0] / COARSE];
             *pool = pool.max(*z);
         }
-        Self { low: low.truncate(), cell, size, z, coarse, pools, highest: high.z }
+        let (wide, summits) = summits(&pools, coarse);
+        Self { low: low.truncate(), cell, size, z, coarse, pools, wide, summits, highest: high.z }
     }
 
     /// Height of the pad at a place, or of the nearest part of it.
@@ -73,8 +79,30 @@ impl Heights {
     #[inline(always)]
     pub fn horizon(&self, point: Vec3, ahead: Vec2, distance: f32, low: f32, high: f32) -> f32 {
         let mut slope = low;
+        // In strides of a wide cell up to the first that may reach the line of sight.
+        let stride = (WIDE * COARSE) as f32 * self.cell;
+        let mut reached = 0.0;
+        loop {
+            let least = point.z + low * reached + low.min(0.0) * stride;
+            if reached > distance || point.z + low * reached > self.highest {
+                return slope;
+            }
+            let q = (point.truncate() + ahead * reached - self.low) / stride;
+            let inside = q.cmpge(Vec2::ZERO).all();
+            let (i, j) = (q.x as usize, q.y as usize);
+            if !inside || i >= self.wide[0] || j >= self.wide[1] {
+                if reached > 0.0 {
+                    return slope;
+                }
+                break;
+            }
+            if self.summits[j * self.wide[0] + i] > least {
+                break;
+            }
+            reached += stride;
+        }
         // The receiver's own cells say nothing beyond its normal.
-        let mut t = 1.5 * self.cell;
+        let mut t = reached.max(1.5 * self.cell);
         let start = (point.truncate() - self.low) / self.cell;
         let along = ahead / self.cell;
         let bias = 1e-3 * self.cell;
@@ -107,6 +135,24 @@ impl Heights {
         }
         slope
     }
+}
+
+/// Wide cells along x and y, and the largest height around each.
+fn summits(pools: &[f32], coarse: [usize; 2]) -> ([usize; 2], Vec<f32>) {
+    let wide = coarse.map(|n| n.div_ceil(WIDE));
+    let mut own = vec![f32::NEG_INFINITY; wide[0] * wide[1]];
+    for (k, z) in pools.iter().enumerate() {
+        let cell = &mut own[k / coarse[0] / WIDE * wide[0] + k % coarse[0] / WIDE];
+        *cell = cell.max(*z);
+    }
+    let around = |k: usize| {
+        let (i, j) = (k % wide[0], k / wide[0]);
+        let columns = i.saturating_sub(1)..(i + 2).min(wide[0]);
+        let rows = j.saturating_sub(1)..(j + 2).min(wide[1]);
+        rows.flat_map(|j| columns.clone().map(move |i| (i, j)))
+            .fold(f32::NEG_INFINITY, |most, (i, j)| most.max(own[j * wide[0] + i]))
+    };
+    (wide, (0..own.len()).map(around).collect())
 }
 
 /// Mean height of the lattice's points by cell; None when a cell has none.

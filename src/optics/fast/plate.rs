@@ -6,6 +6,7 @@
 //! reflected twice inside is one through a plate three times as thick.
 
 use crate::optics::bsdf::fresnel;
+use crate::optics::{Error, Material, Mesh, Role, Scene};
 use glam::{Vec2, Vec3};
 
 /// Orders of inner reflection that are followed.
@@ -25,13 +26,50 @@ pub struct Slab {
 /// How a point above is seen from below.
 #[derive(Debug, Clone, Copy)]
 pub struct Sighted {
-    /// A vector in the direction in which it appears, as long as makes small areas appear under their solid angle.
+    /// A vector in the direction in which it appears.
     pub offset: Vec3,
     /// Part of its radiance that arrives.
     pub transmitted: f32,
 }
 
 impl Slab {
+    /// The plate of a scene; None where there is none, an error where it is no flat one between camera and pad.
+    pub fn of(scene: &Scene) -> Result<Option<Self>, Error> {
+        let mut plates = scene.surfaces.iter().filter(|s| s.role == Role::Plate);
+        let Some(plate) = plates.next() else { return Ok(None) };
+        let refused = |what: &str| Err(super::unsupported("plate", &plate.name, what));
+        let Material::Dielectric { ior } = plate.material else {
+            return refused("smooth plates");
+        };
+        let z = |mesh: &Mesh| {
+            let heights = mesh.positions.iter().map(|p| p.z);
+            heights.fold([f32::INFINITY, f32::NEG_INFINITY], |[l, h], z| [l.min(z), h.max(z)])
+        };
+        let [low, high] = z(&plate.mesh);
+        let on_a_face = |p: &glam::Vec3| p.z == low || p.z == high;
+        if plates.next().is_some()
+            || plate.mesh.triangles.len() != 12
+            || !plate.mesh.positions.iter().all(on_a_face)
+        {
+            return refused("one plate with level faces");
+        }
+        let camera = &scene.camera;
+        if camera.forward.dot(Vec3::NEG_Z) < 1.0 - 1e-5 || camera.origin.z <= high {
+            return refused("plates under a camera that looks straight down on them");
+        }
+        let pad = scene.surface(Role::Pad).map_or(f32::NEG_INFINITY, |pad| z(&pad.mesh)[1]);
+        if pad >= low {
+            return refused("plates above the pad");
+        }
+        for light in &scene.lights {
+            let [from, to] = z(&light.shape.tessellate());
+            if to > low && from < high {
+                return refused("plates that no light reaches into");
+            }
+        }
+        Ok(Some(Self { low, high, ior }))
+    }
+
     fn glass(&self) -> f32 {
         self.high - self.low
     }
@@ -74,6 +112,24 @@ impl Slab {
         let depth = (self.low - p.z).max(1e-3);
         let x = self.tangent(r, camera.z - self.high + depth, self.glass());
         (if r > 0.0 { flat * (x / r) } else { flat }, 1.0 / depth)
+    }
+
+    /// What of a ray from below arrives above, all inner reflections together.
+    pub fn transmitted(&self, direction: Vec3) -> f32 {
+        let r = fresnel(direction.z.abs(), self.ior);
+        (1.0 - r) / (1.0 + r)
+    }
+
+    /// The two mirror images that a ray from above sees: in the upper face, and in the lower with all further ones; where
+    /// each leaves the upper face, and its weight.
+    pub fn mirrored(&self, origin: Vec3, direction: Vec3) -> [(Vec3, f32); 2] {
+        let r = fresnel(direction.z.abs(), self.ior);
+        let flat = direction.truncate() / -direction.z;
+        let x = flat.length();
+        let ahead = if x > 0.0 { flat / x } else { Vec2::X };
+        let first = origin.truncate() + flat * (origin.z - self.high);
+        let second = first + ahead * (2.0 * self.ahead(x, self.glass()));
+        [(first.extend(self.high), r), (second.extend(self.high), 2.0 * r / (1.0 + r) - r)]
     }
 
     /// How a point `y` above appears from a point `p` below after `2 order` reflections inside.

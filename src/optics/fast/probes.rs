@@ -8,6 +8,7 @@ use super::grid::{Grid, Layout, Places};
 use super::lanes::{Eight, Vectors};
 use super::radiosity::Radiosity;
 use super::world::World;
+use crate::optics::sampler::hash;
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -71,8 +72,13 @@ pub fn gather(
         .map(|node| {
             let origin = places.point(node) + Vec3::Z * CLEARANCE_MM;
             let mut numbers = vec![[0.0; NUMBERS]; solved.lights];
-            for (direction, weights) in directions.iter().zip(&kernel) {
-                let Some(met) = world.trace(origin, *direction) else { continue };
+            for (k, (direction, weights)) in directions.iter().zip(&kernel).enumerate() {
+                let mut dice = hash(node as u32, k as u32);
+                let Some((met, clear)) = world.follow(origin, *direction, &mut dice) else { continue };
+                // A light below the plate is mirrored in it; one above is seen through it, which is direct light.
+                if let Some(light) = met.light.filter(|_| clear && met.front && world.below(met.hit.point)) {
+                    (0..NUMBERS).for_each(|j| numbers[light][j] += weights[j / 3]);
+                }
                 for (numbers, radiance) in numbers.iter_mut().zip(solved.radiance(met.element)) {
                     for k in 0..TERMS {
                         numbers[3 * k] += weights[k] * radiance.x;

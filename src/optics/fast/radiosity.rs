@@ -6,10 +6,10 @@
 
 use super::source::Lamp;
 use super::world::World;
-use crate::optics::sampler::Sampler;
+use crate::optics::sampler::{Sampler, hash};
 use glam::Vec3;
 use rayon::prelude::*;
-use std::f32::consts::{FRAC_1_PI, TAU};
+use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
 /// Rays of an element; their errors average out over the many elements that a probe sees.
 const RAYS: u32 = 256;
@@ -34,13 +34,21 @@ impl Radiosity {
     /// their part above, which is what the camera's side sees of them.
     pub fn new(world: &World, lamps: &[Lamp], events: u32, buried: impl Fn(Vec3) -> bool + Sync) -> Self {
         let (n, lights) = (2 * world.patches, lamps.len());
-        let direct: Vec<f32> =
+        let mut direct: Vec<f32> =
             (0..n).into_par_iter().flat_map_iter(|k| direct(world, lamps, k, &buried)).collect();
-        let rows: Vec<Vec<u32>> = if events > 1 {
+        let rows: Vec<Vec<u32>> = if events > 1 || world.has_clear() {
             (0..n).into_par_iter().map(|k| row(world, k, &buried)).collect()
         } else {
             Vec::new()
         };
+        // What reaches an element by way of clear bodies is known from the rays alone.
+        for (k, row) in rows.iter().enumerate() {
+            for &lit in row.iter().filter(|&&met| met != NOTHING && met & LIT != 0) {
+                if let Some(light) = world.element((lit & !LIT) as usize).1 {
+                    direct[k * lights + light] += PI / row.len() as f32;
+                }
+            }
+        }
         let reflected = |k: usize, l: usize| world.element(k).0 * (direct[k * lights + l] * FRAC_1_PI);
         let straight: Vec<Vec3> = (0..n * lights).map(|i| reflected(i / lights, i % lights)).collect();
         let mut radiance = vec![Vec3::ZERO; n * lights];
@@ -56,7 +64,7 @@ impl Radiosity {
                     let mut sums = straight[k * lights..(k + 1) * lights].to_vec();
                     let scale = world.element(k).0 / rows[k].len().max(1) as f32;
                     for &met in rows[k].iter().filter(|&&met| met != NOTHING) {
-                        let met = met as usize * lights;
+                        let met = (met & !LIT) as usize * lights;
                         for (sum, sent) in sums.iter_mut().zip(&before[met..met + lights]) {
                             *sum += scale * *sent;
                         }
@@ -120,14 +128,20 @@ fn row(world: &World, element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec<u32
             if buried(point) || covered(world, point, normal) {
                 return None;
             }
-            let met = world.trace(point + normal * world.offset, cosine(normal, a, b));
-            Some(met.map_or(NOTHING, |met| met.element as u32))
+            let mut dice = hash(element as u32, i);
+            let met = world.follow(point + normal * world.offset, cosine(normal, a, b), &mut dice);
+            Some(met.map_or(NOTHING, |(met, clear)| {
+                let lit = clear && met.light.is_some() && met.front;
+                met.element as u32 | if lit { LIT } else { 0 }
+            }))
         })
         .collect()
 }
 
 /// In place of an element.
 const NOTHING: u32 = u32::MAX;
+/// Set where the ray came by way of a clear body to the shining side of a light.
+const LIT: u32 = 1 << 31;
 
 /// A direction about `normal` with density cos/pi.
 fn cosine(normal: Vec3, a: f32, b: f32) -> Vec3 {

@@ -1,4 +1,4 @@
-//! Direct light tabulated: the vector irradiance of every light over the space of the pad.
+//! Direct light without a closed form, tabulated: its vector irradiance over the space of the pad.
 //!
 //! A rectangle without profile that nothing bends has it in closed form. Anything else is cut into patches, each of
 //! which is a polygon of its own with one profile and one transmittance, for every order of reflection in a plate.
@@ -9,31 +9,22 @@ use super::source::Source;
 use super::vector::irradiance;
 use glam::{Vec2, Vec3};
 
-/// Lights that share a table.
-pub const LIGHTS_A_TABLE: usize = 4;
-/// Three components of each of them.
-pub const NUMBERS: usize = 3 * LIGHTS_A_TABLE;
 /// Patches along and up a light that is cut.
 const ALONG: usize = 12;
 const UP: usize = 2;
 
-/// Tables of all lights of radiance 1, the pad hiding nothing.
+/// Tables of those lights that need one, of radiance 1, the pad hiding nothing.
 pub fn direct(
     sources: &[Source],
     slab: Option<&Slab>,
     layout: &Layout,
     rest: impl Fn(Vec2) -> f32 + Sync + Copy,
-) -> Vec<Grid<NUMBERS>> {
-    let table = |group: &[Source]| {
-        Grid::new(layout, rest, |point| {
-            let mut values = [0.0; NUMBERS];
-            for (k, source) in group.iter().enumerate() {
-                values[3 * k..3 * k + 3].copy_from_slice(&arriving(source, slab, point).to_array());
-            }
-            values
-        })
+) -> Vec<Option<Grid<3>>> {
+    let table = |source: &Source| {
+        (slab.is_some() || source.corners().is_none())
+            .then(|| Grid::new(layout, rest, |point| arriving(source, slab, point).to_array()))
     };
-    sources.chunks(LIGHTS_A_TABLE).map(table).collect()
+    sources.iter().map(table).collect()
 }
 
 /// The vector irradiance at a point, of a light of radiance 1.

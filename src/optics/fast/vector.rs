@@ -48,6 +48,13 @@ pub fn edges(a: Vectors, b: Vectors) -> Vectors {
     cross.scaled(c.below(Eight::all(0.0)).choose(obtuse, factor))
 }
 
+/// For radiance 1, of a quadrilateral as seen from eight points on its shining side.
+#[inline(always)]
+pub fn quadrilateral(corners: &[Vec3; 4], points: Vectors) -> Vectors {
+    let [a, b, c, d] = corners.map(|c| (Vectors::all(c) - points).unit());
+    (edges(a, b) + edges(b, c) + edges(c, d) + edges(d, a)).scaled(Eight::all(-0.5))
+}
+
 /// For radiance 1, of a polygon given relative to the receiver, its corners counter-clockwise as seen from its
 /// shining side. Corners may coincide.
 pub fn irradiance(corners: &[Vec3]) -> Vec3 {
