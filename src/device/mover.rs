@@ -28,10 +28,10 @@ use crate::clock::{Clock, Part, Timestamp, spent};
 use crate::motion::AxisLimits;
 use crate::protocol::{AxisWire, Engine, Failure, Outcome, Pattern, Request, Spec, StopKind, Which};
 use crate::units::Steps;
-use serde::{Deserialize, Serialize};
 pub use error::MoverError;
 use observer::Homed;
 pub use observer::{Observer, Seen, SeenAxis};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
@@ -334,11 +334,7 @@ pub fn check_settings(spec: &Arc<Spec>, settings: &MoverSettings) -> Result<(), 
 }
 
 /// The bytes that stop a device, for a port that nobody has connected to: what a running link would write.
-pub fn stop_bytes(
-    spec: &Arc<Spec>,
-    settings: &MoverSettings,
-    kind: StopKind,
-) -> Result<Vec<u8>, MoverError> {
+pub fn stop_bytes(spec: &Arc<Spec>, settings: &MoverSettings, kind: StopKind) -> Result<Vec<u8>, MoverError> {
     Ok(engine_for(spec, settings, 1.0)?.stop_bytes(kind))
 }
 
