@@ -132,7 +132,11 @@ impl Mover {
             recover: None,
         };
         if mover.spec.link.wake.is_some() {
-            mover.call(Request::Wake).await?;
+            match mover.call(Request::Wake).await {
+                // Whoever had it before left it in motion: the reset has stopped it, and it says what that cost.
+                Err(Failure::Alarm { .. }) => mover.call(Request::Wake).await?,
+                other => other?,
+            };
         } else {
             // A board that resets on opening speaks by itself; one that does not needs no wait, but
             // cannot be told from the other.

@@ -2,9 +2,6 @@
 //!
 //! Run by `tests/vm/run`, which brings a virtual machine with that camera; `cargo test` alone leaves these out.
 //! vivid presses its own fault buttons: they are controls, known by number.
-#![cfg(target_os = "linux")]
-// What was measured is printed, for whoever runs this by hand.
-#![allow(clippy::print_stdout)]
 
 use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;

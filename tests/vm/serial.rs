@@ -3,9 +3,6 @@
 //! Run by `tests/vm/run`, which brings a virtual machine with them; `cargo test` alone leaves these out. The controller
 //! on the far end is our emulator; what is tested is the port: exclusive opening, identity, and above all what
 //! happens when the adapter is pulled out in mid-move.
-#![cfg(target_os = "linux")]
-// What was measured is printed, for whoever runs this by hand.
-#![allow(clippy::print_stdout)]
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};

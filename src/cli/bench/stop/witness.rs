@@ -121,6 +121,8 @@ impl Witness {
         if args.idle {
             command.arg("--idle");
         }
+        // Alarms and lost links are what the victim lives with.
+        command.env("TWINRIG_LOG", "error");
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).kill_on_drop(true);
         let mut child = command.spawn()?;
         let (Some(out), Some(tell)) = (child.stdout.take(), child.stdin.take()) else {
