@@ -115,7 +115,7 @@ impl Resolution {
             cell_mm,
             first_height: 0.8,
             growth: 1.25,
-            samples: 1,
+            samples: 2,
             residual: (0.1 * tolerance).clamp(1e-4, 1e-3),
             violation_mm: (0.1 * tolerance).clamp(2e-4, 1e-3),
         }

@@ -1,16 +1,20 @@
 //! Contact of the face with the indenter: unilateral in the normal, sticking or Coulomb in the tangent.
 //!
 //! The face carries sample points, `per_axis` squared to a cell. At a point with gap g (the indenter's
-//! signed distance) and multiplier l the pressure is p = max(0, l - k g): an augmented Lagrangian, whose
-//! multipliers are brought up to date between solves until the penetration they leave vanishes
-//! (Simo and Laursen 1992). A point that touches gets an anchor on the indenter; the tangential traction is
-//! a spring to the anchor, capped at the friction bound, which is held fixed during a solve and brought
-//! up to date between solves, so that every solve minimises a potential. Anchors are dropped on
-//! separation, after a solve and never inside it.
+//! signed distance) and its cell's multiplier l the pressure is p = max(0, l - k g): an augmented Lagrangian
+//! (Simo and Laursen 1992), whose multipliers are brought up to date between solves until each is the mean
+//! pressure of its cell. One multiplier to a cell is as many as the face has control points: with one to a
+//! sample they fight one another (half of the points under a flat punch carry everything), and with one sample
+//! to a cell the face bulges through between the samples of a punch (17 % of a frictionless moon's force).
+//!
+//! A point that touches gets an anchor on the indenter; the tangential traction is a multiplier and a spring
+//! to the anchor, capped at the friction bound, which is held fixed during a solve and brought up to date
+//! between solves, so that every solve minimises a potential. Anchors are dropped on separation, after a
+//! solve and never inside it.
 //!
 //! Infinite friction has a strength, too: beyond [`STICK_STRENGTH`] shear moduli of traction a point slips.
-//! A rubber face sheared further than that folds (Biot's creases ahead of the contact, which no rig shows and no
-//! grid resolves); slides up to about the contact's radius do not notice.
+//! A neo-Hookean face sheared much further folds ahead of the contact (Biot's surface instability), finer than
+//! the grid can follow. Short slides do not notice; long ones drag at this traction instead of more.
 
 use super::grid::{Grid, uniform_values};
 use crate::elastomer::Friction;
@@ -32,8 +36,8 @@ const SLIP_SOFTNESS: f64 = 0.1;
 /// forces of slides and turns do not notice.
 const PEEL_COEFFICIENT: f64 = 20.0;
 
-/// Largest tangential traction of infinite friction over the shear modulus. Found by experiment: at 2 the face
-/// of a 0.5 mm press folds after 1.5 mm of slide, and forces at 1 mm of slide change by 2 % from 2 to 1.5.
+/// Largest tangential traction of infinite friction over the shear modulus. Found by experiment: a sphere of
+/// radius 3 pressed 0.5 mm does not notice it at 0.5 mm of slide and drags 12 % less than with 3 at 1 mm.
 pub const STICK_STRENGTH: f64 = 1.5;
 
 /// Where a point holds on to the indenter.
@@ -64,8 +68,10 @@ struct Sample {
     sub: usize,
     /// Rest position.
     rest: DVec3,
-    /// Normal multiplier, MPa.
+    /// Normal multiplier of its cell, MPa.
     multiplier: f64,
+    /// Whether it carried pressure at the last update.
+    loaded: bool,
     anchor: Option<Anchor>,
     /// Let go in this increment: the point stays without anchor until the increment ends, or it could
     /// hold and slip in turn for ever.
@@ -172,6 +178,7 @@ impl Contacts {
                         sub,
                         rest: DVec3::new(x, y, 0.0),
                         multiplier: 0.0,
+                        loaded: false,
                         anchor: None,
                         let_go: false,
                         gap: f64::INFINITY,
@@ -268,8 +275,10 @@ impl Contacts {
             s.seen = p;
             s.pressure = 0.0;
             s.gap = f64::INFINITY;
-            let near = p.z >= 0.0 && p.x.abs() <= hx && p.y.abs() <= hy;
-            let held = s.multiplier > 0.0;
+            // A multiplier acts across a small gap.
+            let reach = s.multiplier / k;
+            let near = p.z >= -reach && p.x.abs() <= hx + reach && p.y.abs() <= hy + reach;
+            let held = s.loaded;
             if (self.bilateral || !near) && !held && s.anchor.is_none() {
                 continue;
             }
@@ -404,32 +413,45 @@ impl Contacts {
         let tangent = self.has_friction();
         let (mut change, mut total) = (0.0, 0.0);
         let mut samples = std::mem::take(&mut self.samples);
-        for s in &mut samples {
-            if s.pressure > 0.0 {
-                out.violation_mm = out.violation_mm.max(s.gap.abs());
-            }
-            s.multiplier = s.pressure;
-            if !tangent {
-                continue;
-            }
-            let bound = self.law.bound(s.pressure);
-            let trial = s.anchor.as_ref().map_or(DVec3::ZERO, |a| a.trial(s.seen, self.tangential));
-            if s.pressure == 0.0 {
-                if s.anchor.take().is_some() {
-                    s.let_go = true;
-                    out.events += 1;
+        let count = self.per_axis * self.per_axis;
+        for cell in samples.chunks_mut(count) {
+            let mean = cell.iter().map(|s| s.pressure).sum::<f64>() / count as f64;
+            out.violation_mm = out.violation_mm.max((mean - cell[0].multiplier).abs() / self.stiffness);
+            let (mut held, mut holding) = (DVec3::ZERO, 0);
+            for s in cell.iter_mut() {
+                s.multiplier = mean;
+                s.loaded = s.pressure > 0.0;
+                if !tangent {
+                    continue;
                 }
-            } else if let Some(anchor) = &mut s.anchor {
-                // The multiplier becomes the traction, as far as the new bound allows.
-                let now = trial.clamp_length_max(bound);
-                change += (now - trial.clamp_length_max(anchor.bound)).length()
-                    + (now - anchor.held).length() * f64::from(trial.length() < bound);
-                total += s.pressure.max(now.length());
+                let bound = self.law.bound(s.pressure);
+                if !s.loaded {
+                    if s.anchor.take().is_some() {
+                        s.let_go = true;
+                        out.events += 1;
+                    }
+                } else if let Some(anchor) = &mut s.anchor {
+                    let trial = anchor.trial(s.seen, self.tangential);
+                    let now = trial.clamp_length_max(bound);
+                    change += (now - trial.clamp_length_max(anchor.bound)).length();
+                    total += s.pressure.max(now.length());
+                    anchor.bound = bound;
+                    held += now;
+                    holding += 1;
+                } else if !s.let_go {
+                    s.anchor = Some(self.touch(s, indenter, pose, old_pose, u, bound));
+                    out.events += 1;
+                    holding += 1;
+                }
+            }
+            // The multipliers become the cell's mean traction, as far as the bounds allow.
+            held /= f64::from(holding.max(1));
+            for anchor in cell.iter_mut().filter_map(|s| s.anchor.as_mut()) {
+                let now = held.clamp_length_max(anchor.bound);
+                if now.length() < anchor.bound {
+                    change += (now - anchor.held).length();
+                }
                 anchor.held = now;
-                anchor.bound = bound;
-            } else if !s.let_go {
-                s.anchor = Some(self.touch(s, indenter, pose, old_pose, u, bound));
-                out.events += 1;
             }
         }
         self.samples = samples;
@@ -490,6 +512,7 @@ impl Contacts {
         self.active.clear();
         for s in &mut self.samples {
             s.multiplier = 0.0;
+            s.loaded = false;
             s.anchor = None;
             s.pressure = 0.0;
             s.gap = f64::INFINITY;
@@ -517,11 +540,14 @@ impl Contacts {
         let (mut sum, mut n) = (0.0, 0);
         let corners = [[1.0, 0.0], [0.0, 1.0]].map(|[a, b]: [f64; 2]| [0.5 * a, 0.5, 0.5 * b]);
         let half = self.area.sqrt() * self.per_axis as f64 / 2.0;
-        for s in self.samples.iter().filter(|s| s.pressure > 0.0 && s.sub == 0) {
+        let count = self.per_axis * self.per_axis;
+        for cell in self.samples.chunks(count).filter(|cell| cell.iter().any(|s| s.pressure > 0.0)) {
+            let s = &cell[0];
+            let middle = cell.iter().map(|s| s.rest).sum::<DVec3>() / count as f64;
             for (x, wx) in corners.iter().enumerate() {
                 for (y, wy) in corners.iter().enumerate() {
                     let side = |k: usize| if k == 0 { -half } else { half };
-                    let mut p = s.rest + DVec3::new(side(x), side(y), 0.0);
+                    let mut p = middle + DVec3::new(side(x), side(y), 0.0);
                     let mut moved = [0.0; 3];
                     for (c, o) in moved.iter_mut().enumerate() {
                         for b in 0..3 {
