@@ -7,6 +7,6 @@ pub mod bench;
 pub mod records;
 pub mod twin;
 
-pub use bench::{Assembled, BenchError, BenchOptions, bench, camera_alone};
+pub use bench::{Assembled, BenchError, BenchOptions, bench, camera_alone, movers_alone, stop_ports};
 pub use records::{ProvenanceError, provenance, run_notes, session_note, session_settings};
 pub use twin::{TwinError, twin};

@@ -7,6 +7,8 @@ pub mod screen;
 pub mod signals;
 
 mod at_bench;
+mod bench;
+mod camera;
 mod capture;
 mod check;
 mod collect;
@@ -15,6 +17,7 @@ mod drive;
 mod dry_run;
 mod emulate;
 mod home;
+mod jog;
 mod move_to;
 mod options;
 mod protocol;
@@ -22,6 +25,8 @@ mod render;
 mod replay;
 mod report;
 mod simulate;
+mod status;
+mod stop;
 mod verify;
 
 use clap::{Parser, Subcommand};
@@ -50,12 +55,17 @@ enum Command {
     Devices(devices::Args),
     Home(home::Args),
     Move(move_to::Args),
+    Jog(jog::Args),
+    Stop(stop::Args),
+    Status(status::Args),
     Capture(capture::Args),
+    Camera(camera::Args),
     Verify(verify::Args),
     Report(report::Args),
     Emulate(emulate::Args),
     Render(render::Args),
     Protocol(protocol::Args),
+    Bench(bench::Args),
     Replay(replay::Args),
 }
 
@@ -79,12 +89,17 @@ pub fn main() -> ExitCode {
             Command::Devices(args) => args.run(),
             Command::Home(args) => args.run().await,
             Command::Move(args) => args.run().await,
+            Command::Jog(args) => args.run().await,
+            Command::Stop(args) => args.run(),
+            Command::Status(args) => args.run().await,
             Command::Capture(args) => args.run().await,
+            Command::Camera(args) => args.run().await,
             Command::Verify(args) => args.run(),
             Command::Report(args) => args.run(),
             Command::Emulate(args) => args.run().await,
             Command::Render(args) => args.run(),
             Command::Protocol(args) => args.run(),
+            Command::Bench(args) => args.run().await,
             Command::Replay(args) => args.run(),
         }
     });

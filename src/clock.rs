@@ -89,6 +89,34 @@ impl Clock {
     }
 }
 
+/// What the time of a session goes into. The first three cannot be saved; the others are overhead.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Part {
+    /// Motion, as long as its feed and acceleration make it; and homing.
+    Motion,
+    /// Until vibrations have died.
+    Settle,
+    /// Frames of which captures and touch-off are made, while the shutter is open.
+    Exposure,
+    /// From a move's acceptance to the news of its end, beyond the motion.
+    EndOfMotion,
+    /// From a move to its acceptance.
+    Command,
+    /// Asking where the axes are.
+    Position,
+    /// From the wish for a frame to its arrival, beyond the exposure.
+    Frame,
+}
+
+/// The name under which [`spent`] is traced.
+pub const SPENT: &str = "twinrig::spent";
+
+/// Tells where bench time went, for whoever keeps accounts (`twinrig bench session`). Costs nothing otherwise.
+pub fn spent(part: Part, time: Duration) {
+    let ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+    tracing::trace!(target: SPENT, part = ?part, ns);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -12,11 +12,14 @@
 //! Keys of `--set`: those of the rig file; `plan.KEY` for the plan's, and `sensor.pad.KEY` or
 //! `sensor.optics.KEY` for the sensor's. A typo is refused with a suggestion.
 //!
+//! Rig files are written by [`edit`] alone, which changes keys and keeps comments.
+//!
 //! What this module never does: open a device, or print.
 
 mod builtin;
 mod check_report;
 pub mod document;
+pub mod edit;
 mod gather;
 mod load;
 pub mod lookup;

@@ -33,7 +33,7 @@
 //! | 3b | [`collection`] | session and twin at once, into a dataset |
 //! | 4a | [`config`] | files to checked values |
 //! | 4b | [`assemble`] | checked values to devices and a twin |
-//! | 5a | [`report`] | what a dataset looks like |
+//! | 5a | [`report`] [`control`] | what a dataset looks like; what a running session answers |
 //! | 5b | [`cli`] | a file for each subcommand |
 //!
 //! # What each part never does
@@ -79,7 +79,8 @@ pub mod collection;
 pub mod config;
 // Layer 4b: checked values to devices and a twin.
 pub mod assemble;
-// Layer 5a: what a dataset looks like.
+// Layer 5a: what a dataset looks like; what a running session answers.
+pub mod control;
 pub mod report;
 // Layer 5b: command line.
 pub mod cli;

@@ -12,11 +12,14 @@
 //! a frame exposed after that, then another: when the two agree the picture is still, and the second
 //! is the capture ([`perform`]).
 //!
+//! *By hand* ([`jog`]): steps, and motion that lasts only while somebody holds a key.
+//!
 //! *Endings.* Whatever happens, all movers are stopped first; then the arm is retracted if its position
 //! can be trusted; then the error is returned ([`perform`]). Stopping bypasses every queue ([`stop`]).
 
 pub mod bench;
 pub mod event;
+pub mod jog;
 pub mod perform;
 pub mod stop;
 pub mod touch_off;

@@ -13,7 +13,7 @@ const RUNGS: &[(&str, &[&str])] = &[
     ("3b whole collections", &["collection", "resim"]),
     ("4a configuration", &["config"]),
     ("4b assembly", &["assemble"]),
-    ("5a faces", &["live", "report"]),
+    ("5a faces", &["control", "live", "report"]),
     ("5b command line", &["cli"]),
 ];
 

@@ -2,6 +2,7 @@
 
 use crate::clock::Clock;
 use crate::config::{RigConfig, Setup};
+use crate::device::camera::absent::AbsentCamera;
 use crate::device::camera::settings::CameraSource;
 use crate::device::camera::{Camera, CameraError, open};
 use crate::device::mover::Mover;
@@ -88,6 +89,8 @@ pub struct BenchOptions {
     pub speed: f64,
     /// Folder for the byte logs of all ports.
     pub logs: Option<PathBuf>,
+    /// Leave the camera alone: for commands that only move.
+    pub no_camera: bool,
 }
 
 /// Opens everything and verifies who answers. Nothing moves.
@@ -124,9 +127,53 @@ pub async fn bench(setup: &Setup, options: &BenchOptions, stop: StopSwitch) -> R
         );
         movers.insert(device.clone(), mover);
     }
-    let camera = camera(rig, setup.sensor.as_ref().map(|s| &s.optics), world.as_ref(), clock).await?;
-    let bench = Bench { movers, map: rig.motion.clone(), camera, clock, stop };
+    let camera = match options.no_camera {
+        true => Box::new(AbsentCamera::default()),
+        false => camera(rig, setup.sensor.as_ref().map(|s| &s.optics), world.as_ref(), clock).await?,
+    };
+    let bench =
+        Bench { movers, map: rig.motion.clone(), camera, clock, stop, reached: None, rested_at: None };
     Ok(Assembled { bench, world, _emulators: emulators })
+}
+
+/// The devices of a real rig, each opened by itself, so that one that is dead hides no other.
+pub async fn movers_alone(setup: &Setup) -> BTreeMap<String, Result<Mover, BenchError>> {
+    let mut opening = JoinSet::new();
+    for (device, settings) in setup.rig.devices.clone() {
+        let spec = setup.protocols[&settings.protocol].clone();
+        opening.spawn(async move {
+            let (clock, options) = (Clock::real_time(), BenchOptions::default());
+            let mover = connect(&device, &settings, &settings.port, spec, clock, &options).await;
+            (device, mover)
+        });
+    }
+    opening.join_all().await.into_iter().collect()
+}
+
+/// Writes the stop bytes of every device of a real rig, each on a thread of its own, without waiting for
+/// anybody's answer; answers per device what was written.
+pub fn stop_ports(setup: &Setup, kind: StopKind) -> BTreeMap<String, Result<Vec<u8>, BenchError>> {
+    let threads: Vec<_> = setup
+        .rig
+        .devices
+        .clone()
+        .into_iter()
+        .map(|(device, settings)| {
+            let spec = setup.protocols[&settings.protocol].clone();
+            let runtime = tokio::runtime::Handle::current();
+            std::thread::spawn(move || {
+                // The port registers itself with the runtime.
+                let _entered = runtime.enter();
+                let failed = |source| BenchError::Device { device: device.clone(), source };
+                let stopped = port::resolve(&settings.port)
+                    .map_err(ConnectError::from)
+                    .and_then(|path| port::write_stop(&path, &spec, &settings, kind))
+                    .map_err(failed);
+                (device, stopped)
+            })
+        })
+        .collect();
+    threads.into_iter().filter_map(|thread| thread.join().ok()).collect()
 }
 
 async fn connect(

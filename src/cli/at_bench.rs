@@ -5,6 +5,7 @@ use super::screen;
 use super::signals::Signals;
 use crate::assemble::{self, Assembled, BenchOptions};
 use crate::config::Setup;
+use crate::control::{Board, RigKey, Server};
 use crate::session::{BenchError, StopLevel, StopSwitch};
 use std::path::{Path, PathBuf};
 
@@ -16,11 +17,31 @@ pub struct AtBench {
     pub assembled: Assembled,
     /// Which signal arrived, if one did.
     pub signals: Signals,
+    /// What those who ask are shown.
+    board: Board,
+    /// Answers `twinrig status` and `twinrig stop`.
+    _control: Option<Server>,
+}
+
+/// What a command wants of its bench.
+pub struct Wanted<'a> {
+    /// Its name, for those who ask.
+    pub command: &'static str,
+    /// The rig file.
+    pub rig: &'a Path,
+    /// The plan, where there is one.
+    pub plan: Option<&'a Path>,
+    /// The overrides.
+    pub set: &'a [String],
+    /// Times faster than real time.
+    pub speed: f64,
 }
 
 impl AtBench {
-    /// Loads the files, opens the devices, verifies who they are. On failure the error has been printed.
-    pub async fn open(rig: &Path, plan: Option<&Path>, set: &[String], speed: f64) -> Result<AtBench, Exit> {
+    /// Loads the files, opens the movers, verifies who they are; the camera is left alone. On failure the error has
+    /// been printed.
+    pub async fn open(wanted: Wanted<'_>) -> Result<AtBench, Exit> {
+        let Wanted { command, rig, plan, set, speed } = wanted;
         let setup = crate::config::load(rig, plan, set).map_err(|e| {
             screen::error(e);
             Exit::Refused
@@ -30,7 +51,8 @@ impl AtBench {
             screen::error(format_args!("signals cannot be caught: {e}"));
             Exit::Failed
         })?;
-        let options = BenchOptions { speed, logs: session_logs() };
+        let (board, control) = answer_others(command, &setup, rig, &stop, &signals);
+        let options = BenchOptions { speed, logs: session_logs(), no_camera: true };
         let assembled = assemble::bench(&setup, &options, stop).await.map_err(|e| {
             screen::error(&e);
             match e {
@@ -38,7 +60,13 @@ impl AtBench {
                 _ => Exit::Failed,
             }
         })?;
-        Ok(AtBench { setup, assembled, signals })
+        board.show_devices(assembled.bench.observers());
+        Ok(AtBench { setup, assembled, signals, board, _control: control })
+    }
+
+    /// What those who ask are shown.
+    pub fn board(&self) -> &Board {
+        &self.board
     }
 
     /// Turns the result of motion into an exit code: on failure everything is stopped first.
@@ -52,6 +80,28 @@ impl AtBench {
                 }
                 self.signals.exit().unwrap_or(Exit::Failed)
             }
+        }
+    }
+}
+
+/// Begins to answer other programs. A session that cannot be reached is told so, and goes on.
+pub(super) fn answer_others(
+    command: &'static str,
+    setup: &Setup,
+    rig: &Path,
+    stop: &StopSwitch,
+    signals: &Signals,
+) -> (Board, Option<Server>) {
+    let board = Board::new(command, RigKey::new(&setup.rig, rig), setup.rig.motion.clone());
+    let signals = signals.clone();
+    let on_stop = Box::new(move |level| signals.stop_from_outside(level));
+    match Server::start(board.clone(), stop.clone(), on_stop) {
+        Ok(server) => (board, Some(server)),
+        Err(e) => {
+            screen::warning(format_args!(
+                "`twinrig stop` and `twinrig status` do not reach this session: {e}"
+            ));
+            (board, None)
         }
     }
 }

@@ -5,6 +5,7 @@
 //! indenter is asked for by name before it is used. A session that was interrupted, by a signal, a
 //! fault or a power cut, continues with `--resume`: nothing is lost, doubled or torn.
 
+use super::at_bench::answer_others;
 use super::exit::Exit;
 use super::options::{RigAndPlan, Speed};
 use super::screen;
@@ -12,6 +13,7 @@ use super::signals::Signals;
 use crate::assemble::{self, BenchOptions};
 use crate::collection::{Collection, CollectionError, Progress, SessionPart};
 use crate::config::{PlanSetup, Setup};
+use crate::control::Board;
 use crate::dataset::{self, Dataset};
 use crate::device::virtual_bench::World;
 use crate::session::perform::Operator;
@@ -76,7 +78,9 @@ impl Args {
                 return Exit::Failed;
             }
         };
-        match self.collect(&setup, stop).await {
+        let (board, _control) = answer_others("collect", &setup, &self.files.rig, &stop, &signals);
+        board.show_out(self.out.clone());
+        match self.collect(&setup, stop, &board).await {
             Ok(summary) => {
                 if self.json {
                     screen::json(&summary);
@@ -104,7 +108,7 @@ impl Args {
         }
     }
 
-    async fn collect(&self, setup: &Setup, stop: StopSwitch) -> Result<Summary, CollectError> {
+    async fn collect(&self, setup: &Setup, stop: StopSwitch, board: &Board) -> Result<Summary, CollectError> {
         let begun = Instant::now();
         let plan = setup.plan.as_ref().ok_or(CollectError::NoPlan)?;
         if !setup.rig.is_virtual() && !self.sim_only && !self.yes && !console::user_attended() {
@@ -138,6 +142,7 @@ impl Args {
             plan.trajectory.captures.len() as u64,
             (!self.sim_only).then(|| dataset.done_real().len() as u64),
             twin.is_some().then(|| dataset.done_sim().len() as u64),
+            board.clone(),
         ));
 
         let run = session_name();
@@ -146,8 +151,9 @@ impl Args {
             collection.run().await?
         } else {
             let logs = self.out.join("logs").join(&run);
-            let options = BenchOptions { speed: self.speed.speed, logs: Some(logs) };
+            let options = BenchOptions { speed: self.speed.speed, logs: Some(logs), no_camera: false };
             let mut assembled = assemble::bench(setup, &options, stop.clone()).await?;
+            board.show_devices(assembled.bench.observers());
             dataset.note_session(&assemble::session_note(&run, setup, &assembled))?;
             let (events, received) = tokio::sync::mpsc::channel(8);
             let session = Session {
@@ -226,7 +232,11 @@ async fn watch(
     captures: u64,
     real: Option<u64>,
     sim: Option<u64>,
+    board: Board,
 ) {
+    board.update(|p| {
+        (p.captures, p.real, p.simulated) = (captures, real.unwrap_or(0), sim.unwrap_or(0));
+    });
     let bars = screen::bars();
     let bar = |label, done: Option<u64>| done.map(|d| screen::bar(&bars, label, captures).with_position(d));
     let (real, sim) = (bar("real", real), bar("simulated", sim));
@@ -241,10 +251,17 @@ async fn watch(
                 if let Some(bar) = &real {
                     bar.set_message(name.clone());
                 }
+                board.update(|p| p.indenter = Some(name.clone()));
                 note(format!("indenter {name}"));
             }
-            Progress::Real { .. } => real.iter().for_each(|b| b.inc(1)),
-            Progress::Simulated { .. } => sim.iter().for_each(|b| b.inc(1)),
+            Progress::Real { .. } => {
+                real.iter().for_each(|b| b.inc(1));
+                board.update(|p| p.real += 1);
+            }
+            Progress::Simulated { .. } => {
+                sim.iter().for_each(|b| b.inc(1));
+                board.update(|p| p.simulated += 1);
+            }
             Progress::NotSimulated { captures, why } => {
                 sim.iter().for_each(|b| b.inc(captures.len() as u64));
                 note(format!("captures {captures:?} have no simulated side: {why}"));

@@ -4,7 +4,7 @@
 //! same order of moves, but takes no picture, finds no contact and stores nothing: heights are relative to
 //! the nominal contact of the rig file.
 
-use super::at_bench::AtBench;
+use super::at_bench::{AtBench, Wanted};
 use super::exit::Exit;
 use super::options::{RigAndPlan, Speed};
 use super::screen;
@@ -34,8 +34,14 @@ pub struct Args {
 impl Args {
     /// Runs the subcommand.
     pub async fn run(self) -> Exit {
-        let (rig, plan) = (&self.files.rig, &self.files.plan);
-        let mut at = match AtBench::open(rig, Some(plan), &self.files.overrides.set, self.speed.speed).await {
+        let wanted = Wanted {
+            command: "drive",
+            rig: &self.files.rig,
+            plan: Some(&self.files.plan),
+            set: &self.files.overrides.set,
+            speed: self.speed.speed,
+        };
+        let mut at = match AtBench::open(wanted).await {
             Ok(at) => at,
             Err(exit) => return exit,
         };

@@ -3,7 +3,7 @@
 //! Verifies who is connected, then homes the pressing axis first (which lifts the indenter away) and the
 //! others after it.
 
-use super::at_bench::{AtBench, show, whereabouts};
+use super::at_bench::{AtBench, Wanted, show, whereabouts};
 use super::exit::Exit;
 use super::options::{RigOptions, Speed};
 
@@ -23,8 +23,14 @@ pub struct Args {
 impl Args {
     /// Runs the subcommand.
     pub async fn run(self) -> Exit {
-        let mut at = match AtBench::open(&self.rig.rig, None, &self.rig.overrides.set, self.speed.speed).await
-        {
+        let wanted = Wanted {
+            command: "home",
+            rig: &self.rig.rig,
+            plan: None,
+            set: &self.rig.overrides.set,
+            speed: self.speed.speed,
+        };
+        let mut at = match AtBench::open(wanted).await {
             Ok(at) => at,
             Err(exit) => return exit,
         };

@@ -4,7 +4,7 @@
 //! given stays. The rig is homed first when it does not know where it is and `--home` allows it. Every
 //! limit is checked before a byte is sent, and a pose below the surface needs `--press`.
 
-use super::at_bench::{AtBench, show, whereabouts};
+use super::at_bench::{AtBench, Wanted, show, whereabouts};
 use super::exit::Exit;
 use super::options::{RigOptions, Speed};
 use super::screen;
@@ -67,8 +67,14 @@ impl Args {
             ));
             return Exit::Refused;
         }
-        let mut at = match AtBench::open(&self.rig.rig, None, &self.rig.overrides.set, self.speed.speed).await
-        {
+        let wanted = Wanted {
+            command: "move",
+            rig: &self.rig.rig,
+            plan: None,
+            set: &self.rig.overrides.set,
+            speed: self.speed.speed,
+        };
+        let mut at = match AtBench::open(wanted).await {
             Ok(at) => at,
             Err(exit) => return exit,
         };

@@ -52,6 +52,24 @@ pub fn bar(group: &MultiProgress, label: &'static str, length: u64) -> ProgressB
     bar
 }
 
+/// Paints lines over the ones painted before, `over` of them, in the place where the cursor is. For displays that
+/// live; the terminal may be in raw mode.
+pub fn paint(lines: &[String], over: usize) {
+    use crossterm::{cursor, queue, terminal};
+    let mut out = std::io::stderr();
+    let width = usize::from(console::Term::stderr().size().1).max(20);
+    if over > 0 {
+        let up = u16::try_from(over).unwrap_or(u16::MAX);
+        _ = queue!(out, cursor::MoveToPreviousLine(up));
+    }
+    _ = queue!(out, terminal::Clear(terminal::ClearType::FromCursorDown));
+    for line in lines {
+        // A line that wraps would be painted over by halves.
+        _ = write!(out, "{}\r\n", console::truncate_str(line, width - 1, "…"));
+    }
+    _ = out.flush();
+}
+
 /// Asks a question on the terminal; `None` when standard input is not one.
 pub fn ask(question: &str) -> Option<String> {
     if !console::user_attended() {

@@ -10,6 +10,7 @@ use super::sensor::{SensorConfig, SensorFile};
 use super::tree::Origin;
 use crate::device::camera::settings::CameraSource;
 use crate::device::settings::MoverSettings;
+use crate::elastomer;
 use crate::indenter::spec::Shape;
 use crate::indenter::{self, Indenter, IndenterSpec};
 use crate::motion::Trajectory;
@@ -153,6 +154,7 @@ impl Loader {
         let mut rig = rig?;
         if let (Some(document), Some(sensor)) = (&rig_document, &sensor) {
             self.agree_on_picture(document, &mut rig, sensor);
+            self.agree_on_elastomer(document, &rig, sensor);
         }
         let plan = match (&plan_document, plan_read, &sensor) {
             (Some(document), Some(plan), Some(sensor)) => {
@@ -411,6 +413,20 @@ impl Loader {
                     "choose that camera mode, or correct [optics.camera] in the sensor file",
                 ));
             }
+        }
+    }
+
+    /// What the twin's solver will refuse is refused before anything moves.
+    fn agree_on_elastomer(&mut self, document: &Document, rig: &RigConfig, sensor: &SensorConfig) {
+        if let Err(elastomer::Error::Setting { key, value, why }) =
+            elastomer::check(&sensor.pad, &rig.elastomer)
+        {
+            self.findings.push(document.complain(
+                &format!("elastomer.{key}"),
+                value,
+                why,
+                "change it in the rig file, or by --set",
+            ));
         }
     }
 

@@ -168,6 +168,7 @@ impl ByteLog {
 pub fn stop_word(kind: StopKind) -> &'static str {
     match kind {
         StopKind::Controlled => "controlled",
+        StopKind::Homing => "homing",
         StopKind::Emergency => "emergency",
     }
 }
@@ -254,7 +255,7 @@ impl Record {
             ('*', ("lost", why)) => Some(Input::Lost(String::from_utf8_lossy(&unescape(why)?).into_owned())),
             ('*', ("stop", rest)) => {
                 let (kind, written) = rest.split_once(' ')?;
-                let kinds = [StopKind::Controlled, StopKind::Emergency];
+                let kinds = [StopKind::Controlled, StopKind::Homing, StopKind::Emergency];
                 let kind = kinds.into_iter().find(|k| stop_word(*k) == kind)?;
                 Some(Input::Stop { kind, written: written == "written" })
             }

@@ -7,9 +7,11 @@
 //! images) and, beside the virtual world it sees, [`crate::device::virtual_bench::camera`].
 //! [`open`] makes one ready from a rig file's [`settings`]; [`list`] says what is connected.
 
+pub mod absent;
 pub mod averaged;
 pub mod controls;
 pub mod formats;
+pub mod freeze;
 pub mod list;
 #[cfg(any(target_os = "linux", target_os = "macos", target_os = "windows"))]
 pub mod nokhwa;

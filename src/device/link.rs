@@ -26,6 +26,9 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::sync::{Notify, mpsc, oneshot, watch};
 
+/// In the order of their urgency; a stop's place here is one less than its level.
+const STOP_KINDS: [StopKind; 3] = [StopKind::Controlled, StopKind::Homing, StopKind::Emergency];
+
 /// A second door to a port, for bytes that must not wait.
 pub trait UrgentWrite: Send + Sync {
     /// Writes without blocking; returns how many bytes went out.
@@ -74,9 +77,11 @@ struct Shared {
     wanted: AtomicU8,
     written: AtomicBool,
     latched: AtomicBool,
+    /// References are being searched for.
+    homing: AtomicBool,
     stops: AtomicU64,
     notify: Notify,
-    bytes: [Vec<u8>; 2],
+    bytes: [Vec<u8>; 3],
 }
 
 /// Under this lock bytes are written.
@@ -104,10 +109,8 @@ impl StopHandle {
     /// otherwise the link's task writes them next.
     pub fn stop(&self, kind: StopKind) -> bool {
         let shared = &self.shared;
-        let (level, bytes) = match kind {
-            StopKind::Controlled => (1, &shared.bytes[0]),
-            StopKind::Emergency => (2, &shared.bytes[1]),
-        };
+        let kind = if shared.homing.load(Ordering::SeqCst) { kind.max(StopKind::Homing) } else { kind };
+        let (level, bytes) = (kind as u8 + 1, &shared.bytes[kind as usize]);
         let gate = shared.gate.lock().unwrap_or_else(PoisonError::into_inner);
         shared.latched.store(true, Ordering::SeqCst);
         shared.wanted.fetch_max(level, Ordering::SeqCst);
@@ -145,9 +148,10 @@ impl Link {
             wanted: AtomicU8::new(0),
             written: AtomicBool::new(false),
             latched: AtomicBool::new(false),
+            homing: AtomicBool::new(false),
             stops: AtomicU64::new(0),
             notify: Notify::new(),
-            bytes: [engine.stop_bytes(StopKind::Controlled), engine.stop_bytes(StopKind::Emergency)],
+            bytes: STOP_KINDS.map(|kind| engine.stop_bytes(kind)),
         });
         let (calls, incoming) = mpsc::unbounded_channel();
         let (sender, telemetry) = watch::channel(Telemetry::default());
@@ -176,6 +180,11 @@ impl Link {
         let gone = || Failure::LinkLost(self.telemetry.borrow().ended.clone().unwrap_or_default());
         self.calls.send(Call::Request(request, done)).map_err(|_| gone())?;
         ended.await.unwrap_or_else(|_| Err(gone()))
+    }
+
+    /// Says whether references are being searched for; a stop is then one that ends the search.
+    pub fn set_homing(&self, homing: bool) {
+        self.stop.shared.homing.store(homing, Ordering::SeqCst);
     }
 
     /// From now on an unexpected banner means a restart.
@@ -300,10 +309,8 @@ impl LinkTask {
             let written = self.shared.written.swap(false, Ordering::SeqCst);
             (level, written, self.shared.stops.load(Ordering::SeqCst))
         };
-        let kind = match level {
-            0 => return,
-            1 => StopKind::Controlled,
-            _ => StopKind::Emergency,
+        let Some(kind) = usize::from(level).checked_sub(1).and_then(|at| STOP_KINDS.get(at)).copied() else {
+            return;
         };
         self.pending.drop_unbegun();
         self.note_down(Input::Stop { kind, written });
@@ -311,7 +318,7 @@ impl LinkTask {
         let ticket = self.engine.urgent(kind, written, now);
         self.stop_tickets.push(ticket);
         if written {
-            let bytes = self.shared.bytes[usize::from(level.min(2)) - 1].clone();
+            let bytes = self.shared.bytes[kind as usize].clone();
             self.write_down(now, Direction::Stop, &bytes);
         }
         while let Ok(call) = self.calls.try_recv() {
@@ -432,7 +439,9 @@ impl LinkTask {
             || !matches!(self.engine.state(), None | Some(crate::protocol::spec::MotionState::Idle));
         if moving && !self.shared.latched.load(Ordering::SeqCst) {
             let mut bytes = self.pending.rest_of_unit().unwrap_or_default();
-            bytes.extend(&self.shared.bytes[0]);
+            let homing = self.shared.homing.load(Ordering::SeqCst);
+            let kind = if homing { StopKind::Homing } else { StopKind::Controlled };
+            bytes.extend(&self.shared.bytes[kind as usize]);
             // Nobody is left to tell when the port does not take them.
             let _ = tokio::time::timeout(Duration::from_millis(200), writer.write_all(&bytes)).await;
             self.write_down(self.clock.now(), Direction::Stop, &bytes);

@@ -16,6 +16,8 @@
 mod error;
 #[cfg(test)]
 mod faults;
+mod glide;
+mod observer;
 #[cfg(test)]
 mod tests;
 mod travel;
@@ -23,11 +25,14 @@ mod travel;
 use super::byte_log::{Header, LOG_VERSION};
 use super::link::{Link, LinkOptions, StopHandle};
 use super::settings::{AxisSettings, MoverSettings};
-use crate::clock::{Clock, Timestamp};
+use crate::clock::{Clock, Part, Timestamp, spent};
 use crate::motion::AxisLimits;
 use crate::protocol::{AxisWire, Engine, Failure, Outcome, Pattern, Request, Spec, StopKind, Which};
 use crate::units::Steps;
 pub use error::MoverError;
+use observer::Homed;
+pub use observer::{Observer, Seen, SeenAxis};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
@@ -35,7 +40,8 @@ use tokio::io::{AsyncRead, AsyncWrite};
 pub use travel::Reached;
 
 /// What is known of the positions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Reference {
     /// Never homed since connecting.
     Unknown,
@@ -68,9 +74,9 @@ pub struct Mover {
     settings: MoverSettings,
     clock: Clock,
     names: Vec<String>,
-    /// Count of lost trusts when the axes were last homed.
-    homed_at_loss: Option<u64>,
-    homing: bool,
+    homed: Homed,
+    /// Where the last move was measured to end; forgotten with the next one, and with trust.
+    resting: Option<Vec<Measured>>,
     identity: Option<String>,
     /// Recovery that the last alarm asks for.
     recover: Option<String>,
@@ -120,13 +126,17 @@ impl Mover {
             settings,
             clock,
             names,
-            homed_at_loss: None,
-            homing: false,
+            homed: Homed::default(),
+            resting: None,
             identity: None,
             recover: None,
         };
         if mover.spec.link.wake.is_some() {
-            mover.call(Request::Wake).await?;
+            match mover.call(Request::Wake).await {
+                // Whoever had it before left it in motion: the reset has stopped it, and it says what that cost.
+                Err(Failure::Alarm { .. }) => mover.call(Request::Wake).await?,
+                other => other?,
+            };
         } else {
             // A board that resets on opening speaks by itself; one that does not needs no wait, but
             // cannot be told from the other.
@@ -201,28 +211,35 @@ impl Mover {
 
     /// What is known of the positions.
     pub fn reference(&self) -> Reference {
-        let telemetry = self.link.telemetry();
-        match self.homed_at_loss {
-            _ if self.homing => Reference::Homing,
-            None => Reference::Unknown,
-            Some(count) if count == telemetry.trust_losses && telemetry.ended.is_none() => {
-                Reference::Referenced
-            }
-            Some(_) => Reference::Suspect,
+        self.homed.reference(&self.link.telemetry())
+    }
+
+    /// A look at this mover for whoever does not own it. Its identity is that of now.
+    pub fn observer(&self) -> Observer {
+        let axes = self.settings.axes.iter();
+        Observer {
+            telemetry: self.link.watch(),
+            homed: self.homed.clone(),
+            port: self.settings.port.to_string(),
+            protocol: self.settings.protocol.clone(),
+            identity: self.identity.clone(),
+            axes: axes.map(|(name, a)| (name.clone(), a.kind, [a.min, a.max])).collect(),
         }
     }
 
     /// References the axes: recovers from an alarm where one is pending, then homes.
     pub async fn home(&mut self) -> Result<(), MoverError> {
         self.end_of_stop().await?;
-        self.homed_at_loss = None;
-        self.homing = true;
+        self.homed.begin();
+        self.resting = None;
+        self.link.set_homing(true);
+        let begun = self.clock.now();
         let result = self.search_reference().await;
-        self.homing = false;
+        spent(Part::Motion, self.clock.now().since(begun));
+        self.link.set_homing(false);
         let losses = self.link.telemetry().trust_losses;
-        result?;
-        self.homed_at_loss = Some(losses);
-        Ok(())
+        self.homed.end(result.is_ok().then_some(losses));
+        result
     }
 
     async fn search_reference(&mut self) -> Result<(), MoverError> {
@@ -242,6 +259,19 @@ impl Mover {
         self.read_positions().await
     }
 
+    /// Where the device is, for planning the next move: where the last one was measured to end, if nothing has
+    /// happened since, or else as it tells now. What proves an arrival or a capture is always asked.
+    pub async fn resting(&mut self) -> Result<Vec<Measured>, MoverError> {
+        let nothing_happened = !self.stop_handle().is_stopped() && self.reference() == Reference::Referenced;
+        if let Some(resting) = self.resting.clone().filter(|_| nothing_happened) {
+            return Ok(resting);
+        }
+        let asked = self.clock.now();
+        let here = self.position().await;
+        spent(Part::Position, self.clock.now().since(asked));
+        here
+    }
+
     async fn read_positions(&mut self) -> Result<Vec<Measured>, MoverError> {
         self.call(Request::Position).await?;
         let telemetry = self.link.telemetry();
@@ -258,6 +288,11 @@ impl Mover {
         Ok(all)
     }
 
+    /// Largest accepted difference between where an axis was sent and where it is, in its unit.
+    pub fn tolerance(&self, axis: &str) -> Option<f64> {
+        self.settings.axes.get(axis).map(|settings| settings.tolerance)
+    }
+
     /// The handle that stops this device at once, from any thread.
     pub fn stop_handle(&self) -> StopHandle {
         self.link.stop_handle()
@@ -265,6 +300,7 @@ impl Mover {
 
     /// Stops, and waits until the stop's steps have ended.
     pub async fn stop(&mut self, kind: StopKind) -> Result<(), MoverError> {
+        self.resting = None;
         self.stop_handle().stop(kind);
         self.end_of_stop().await
     }
@@ -272,6 +308,7 @@ impl Mover {
     /// Where a stop was called: waits for the end of its steps, then allows motion again.
     async fn end_of_stop(&mut self) -> Result<(), MoverError> {
         if self.stop_handle().is_stopped() {
+            self.resting = None;
             self.link.finish_stop().await?;
         }
         Ok(())
@@ -317,6 +354,11 @@ fn wires(settings: &MoverSettings) -> Vec<AxisWire> {
 /// Whether a protocol can serve a device of the rig file, without opening anything.
 pub fn check_settings(spec: &Arc<Spec>, settings: &MoverSettings) -> Result<(), MoverError> {
     engine_for(spec, settings, 1.0).map(drop)
+}
+
+/// The bytes that stop a device, for a port that nobody has connected to: what a running link would write.
+pub fn stop_bytes(spec: &Arc<Spec>, settings: &MoverSettings, kind: StopKind) -> Result<Vec<u8>, MoverError> {
+    Ok(engine_for(spec, settings, 1.0)?.stop_bytes(kind))
 }
 
 /// The bytes that a move would send, one entry for each command: for a dry run. The limits are

@@ -7,11 +7,11 @@
 //! Hang-up-on-close is switched off for the same reason.
 
 use super::link::{LinkOptions, UrgentWrite};
-use super::mover::{Mover, MoverError};
+use super::mover::{self, Mover, MoverError};
 use super::settings::{Dtr, MoverSettings, PortSettings, UsbPort};
 use crate::clock::Clock;
-use crate::protocol::Spec;
 use crate::protocol::spec::{DtrPolicy, PortFlow};
+use crate::protocol::{Spec, StopKind};
 use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
 use serialport::{FlowControl, SerialPort, SerialPortType};
 use std::io;
@@ -264,6 +264,30 @@ fn refused(path: &str, error: &serialport::Error) -> PortError {
     }
 }
 
+/// Opens a port that nobody has open and writes the bytes that stop its device; answers the bytes.
+/// What the device says is not waited for.
+///
+/// # Errors
+/// When the port cannot be opened, or does not take the bytes.
+pub fn write_stop(
+    path: &Path,
+    spec: &Arc<Spec>,
+    settings: &MoverSettings,
+    kind: StopKind,
+) -> Result<Vec<u8>, ConnectError> {
+    let bytes = mover::stop_bytes(spec, settings, kind)?;
+    let port = open(path, spec, settings)?;
+    let failed = |reason: String| PortError::Failed { path: path.display().to_string(), reason };
+    match port.door.write_now(&bytes) {
+        Ok(n) if n == bytes.len() => {}
+        Ok(n) => return Err(failed(format!("took {n} of {} bytes of the stop", bytes.len())).into()),
+        Err(e) => return Err(failed(e.to_string()).into()),
+    }
+    // Closing drops what has not left yet.
+    rustix::termios::tcdrain(&port.door.0).map_err(|e| failed(e.to_string()))?;
+    Ok(bytes)
+}
+
 /// Opens the port at `path` and connects the device behind it; `log` is where its bytes are kept.
 pub async fn connect(
     path: &Path,
@@ -292,7 +316,6 @@ mod tests {
     use crate::device::virtual_bench::serve::{pty::pty, serve};
     use crate::device::virtual_bench::{Emulator, EmulatorOptions, Faulty, World};
     use crate::motion::AxisKind;
-    use crate::protocol::StopKind;
     use crate::protocol::conformance::tests::shipped;
     use std::sync::Mutex;
     use tokio::io::AsyncReadExt;

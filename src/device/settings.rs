@@ -54,6 +54,18 @@ impl PortSettings {
     }
 }
 
+impl std::fmt::Display for PortSettings {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            PortSettings::Path(path) => f.write_str(path),
+            PortSettings::Usb(UsbPort { vid, pid, serial }) => {
+                write!(f, "usb:{vid}:{pid}")?;
+                serial.as_ref().map_or(Ok(()), |serial| write!(f, ":{serial}"))
+            }
+        }
+    }
+}
+
 /// A USB serial adapter by identity.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -254,8 +254,12 @@ impl Engine {
 
     fn stop_procedure(&self, kind: StopKind) -> &Procedure {
         let stop = &self.spec.stop;
-        let name = if kind == StopKind::Controlled { "controlled" } else { "emergency" };
-        stop.get(name).or_else(|| stop.get("emergency")).expect("a checked file has [stop.emergency]")
+        let names: &[&str] = match kind {
+            StopKind::Homing => &["homing", "controlled", "emergency"],
+            StopKind::Controlled => &["controlled", "emergency"],
+            StopKind::Emergency => &["emergency"],
+        };
+        names.iter().find_map(|name| stop.get(*name)).expect("a checked file has [stop.emergency]")
     }
 
     /// Takes received bytes.

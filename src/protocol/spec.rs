@@ -65,7 +65,8 @@ pub struct Spec {
     pub init: Procedure,
     /// `[home]`: steps that reference the axes.
     pub home: Procedure,
-    /// `[stop.<name>]`: `emergency` (required), `controlled`.
+    /// `[stop.<name>]`: `emergency` (required), `controlled`, and `homing` where a controlled stop does not end
+    /// the search for references.
     pub stop: BTreeMap<String, Procedure>,
     /// `[recover.<name>]`: steps after an alarm, named by the alarm table.
     #[serde(default)]

@@ -6,12 +6,12 @@
 
 use super::event::AxisReading;
 use super::stop::{StopLevel, StopSwitch};
-use crate::clock::Clock;
+use crate::clock::{Clock, Part, Timestamp, spent};
 use crate::device::camera::{Camera, CameraError};
-use crate::device::mover::{Mover, MoverError, Reference};
+use crate::device::mover::{Mover, MoverError, Observer, Reference};
 use crate::frame::Frame;
 use crate::image;
-use crate::motion::{AxisRole, Coordinate, PoseMap};
+use crate::motion::{AxisLimits, AxisRole, Coordinate, PoseMap};
 use crate::pose::Pose;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -28,6 +28,10 @@ pub struct Bench {
     pub clock: Clock,
     /// Stops everything.
     pub stop: StopSwitch,
+    /// The pose that was reached last, as it was asked for.
+    pub reached: Option<Pose>,
+    /// When the last motion had ended, before settling.
+    pub rested_at: Option<Timestamp>,
 }
 
 /// How fast to go.
@@ -106,9 +110,27 @@ impl Bench {
         Ok(())
     }
 
+    /// Looks at every device, for whoever does not own the bench.
+    pub fn observers(&self) -> BTreeMap<String, Observer> {
+        self.movers.iter().map(|(name, mover)| (name.clone(), mover.observer())).collect()
+    }
+
     /// Whether every axis knows where it is.
     pub fn is_referenced(&self) -> bool {
         self.movers.values().all(|m| m.reference() == Reference::Referenced)
+    }
+
+    /// Limits of the axis that makes a coordinate, in the axis' own counting.
+    pub fn limits(&self, coordinate: Coordinate) -> Option<AxisLimits> {
+        let role = self.map.role(coordinate)?;
+        self.movers.get(&role.device)?.limits().get(&role.axis).copied()
+    }
+
+    /// Lowest and highest value of a coordinate that its axis allows.
+    pub fn range(&self, coordinate: Coordinate) -> Option<[f64; 2]> {
+        let (role, limits) = (self.map.role(coordinate)?, self.limits(coordinate)?);
+        let ends = [role.to_coordinate(limits.min), role.to_coordinate(limits.max)];
+        Some([ends[0].min(ends[1]), ends[0].max(ends[1])])
     }
 
     /// Whether the pressing axis knows where it is, so that it may be retracted.
@@ -118,16 +140,32 @@ impl Bench {
 
     /// Where the devices say the indenter is, with every axis asked.
     pub async fn measured(&mut self) -> Result<(Pose, Vec<(String, String, f64)>), BenchError> {
+        let asked = self.clock.now();
         let mut positions = Vec::new();
         for (name, mover) in &mut self.movers {
             for reading in mover.position().await? {
                 positions.push((name.clone(), reading.axis, reading.position));
             }
         }
+        spent(Part::Position, self.clock.now().since(asked));
         let find = |device: &str, axis: &str| {
             positions.iter().find(|(d, a, _)| d == device && a == axis).map_or(f64::NAN, |(_, _, p)| *p)
         };
         Ok((self.map.pose(find), positions))
+    }
+
+    /// Where the indenter rests, for planning: asked only of devices that do not know it from their last move.
+    async fn resting(&mut self) -> Result<Pose, BenchError> {
+        let mut positions = BTreeMap::new();
+        for (name, mover) in &mut self.movers {
+            for reading in mover.resting().await? {
+                positions.insert((name.clone(), reading.axis), reading.position);
+            }
+        }
+        let find = |device: &str, axis: &str| {
+            positions.get(&(device.to_owned(), axis.to_owned())).copied().unwrap_or(f64::NAN)
+        };
+        Ok(self.map.pose(find))
     }
 
     /// Pairs what was measured with what was asked for at `commanded`.
@@ -149,20 +187,44 @@ impl Bench {
 
     /// Goes to a pose in the order that never drags, and returns when everything has settled there.
     pub async fn go(&mut self, to: &Pose, feeds: Feeds) -> Result<(), BenchError> {
-        let (from, _) = self.measured().await?;
+        let measured = self.resting().await?;
+        let from = self.as_asked(measured);
+        self.reached = None;
+        self.go_from(&from, to, feeds).await?;
+        self.reached = Some(*to);
+        Ok(())
+    }
+
+    /// The pose with what is where it was sent in the words it was sent by: a device rounds, and what it has
+    /// rounded away is no way to go.
+    fn as_asked(&self, measured: Pose) -> Pose {
+        let mut pose = measured;
+        let Some(asked) = self.reached else { return pose };
+        for coordinate in Coordinate::ALL {
+            let Some(role) = self.map.role(coordinate) else { continue };
+            let tolerance =
+                self.movers.get(&role.device).and_then(|m| m.tolerance(&role.axis)).unwrap_or(0.0);
+            if (coordinate.of(&asked) - coordinate.of(&measured)).abs() <= tolerance {
+                *coordinate.of_mut(&mut pose) = coordinate.of(&asked);
+            }
+        }
+        pose
+    }
+
+    async fn go_from(&mut self, from: &Pose, to: &Pose, feeds: Feeds) -> Result<(), BenchError> {
         let sideways = [Coordinate::X, Coordinate::Y, Coordinate::Theta]
             .into_iter()
-            .any(|c| self.map.role(c).is_some() && !same(c.of(&from), c.of(to)));
+            .any(|c| self.map.role(c).is_some() && !same(c.of(from), c.of(to)));
         let down = to.z_mm < from.z_mm && !same(to.z_mm, from.z_mm);
         if sideways && down && from.z_mm < -AT_REST_MM {
-            return Err(BenchError::Drag { from, to: *to });
+            return Err(BenchError::Drag { from: *from, to: *to });
         }
         if down || same(to.z_mm, from.z_mm) {
-            self.go_sideways(&from, to, feeds).await?;
+            self.go_sideways(from, to, feeds).await?;
             self.go_along(&[(Coordinate::Z, to.z_mm)], feeds.mm_s).await
         } else {
             self.go_along(&[(Coordinate::Z, to.z_mm)], feeds.mm_s).await?;
-            self.go_sideways(&from, to, feeds).await
+            self.go_sideways(from, to, feeds).await
         }
     }
 
@@ -221,12 +283,7 @@ impl Bench {
         for (coordinate, value) in lines {
             let Some(role) = self.map.role(*coordinate).cloned() else {
                 let mut to = Pose::default();
-                match coordinate {
-                    Coordinate::X => to.x_mm = *value,
-                    Coordinate::Y => to.y_mm = *value,
-                    Coordinate::Z => to.z_mm = *value,
-                    Coordinate::Theta => to.theta_deg = *value,
-                }
+                *coordinate.of_mut(&mut to) = *value;
                 return Err(BenchError::NoAxis { coordinate: coordinate.name(), to });
             };
             let target = role.to_axis(*value);
@@ -235,19 +292,21 @@ impl Bench {
         for (device, targets) in by_device {
             self.check_stop()?;
             let targets: Vec<_> = targets.iter().map(|(role, t)| (role.axis.as_str(), *t)).collect();
-            self.mover(&device).move_to(&targets, feed).await?;
+            let reached = self.mover(&device).move_to(&targets, feed).await?;
+            self.rested_at = Some(reached.rested_at);
         }
         Ok(())
     }
 
-    /// A frame exposed after now that agrees with the one after it, and how much the two differ.
+    /// A frame exposed after now that agrees with one before it, and how much the two differ. The one before may
+    /// have been exposed while the bench settled: what was still then and still looks the same is still.
     pub async fn still_frame(
         &mut self,
         allowed_rms: f64,
         within: Duration,
     ) -> Result<(Frame, f64), BenchError> {
         let begun = self.clock.now();
-        let mut before = self.fresh_frame(within).await?;
+        let mut before = self.frame_since(self.rested_at.map_or(begun, |at| at.min(begun)), within).await?;
         loop {
             self.check_stop()?;
             let next = self.fresh_frame(within).await?;
@@ -265,9 +324,20 @@ impl Bench {
 
     /// The next frame exposed from now on.
     pub async fn fresh_frame(&mut self, within: Duration) -> Result<Frame, BenchError> {
+        self.frame_since(self.clock.now(), within).await
+    }
+
+    /// The next frame exposed at `t` or later.
+    async fn frame_since(&mut self, t: Timestamp, within: Duration) -> Result<Frame, BenchError> {
         let now = self.clock.now();
         tokio::select! {
-            frame = self.camera.frame_after(now, within) => Ok(frame?),
+            frame = self.camera.frame_after(t, within) => {
+                let (frame, took) = (frame?, self.clock.now().since(now));
+                let exposure = frame.stamp.exposure.unwrap_or_default().min(took);
+                spent(Part::Exposure, exposure);
+                spent(Part::Frame, took - exposure);
+                Ok(frame)
+            }
             () = self.stop.raised_to(StopLevel::Controlled) => Err(BenchError::Stopped),
         }
     }

@@ -2,9 +2,6 @@
 //!
 //! Run by `tests/vm/run`, which brings a virtual machine with that camera; `cargo test` alone leaves these out.
 //! vivid presses its own fault buttons: they are controls, known by number.
-#![cfg(target_os = "linux")]
-// What was measured is printed, for whoever runs this by hand.
-#![allow(clippy::print_stdout)]
 
 use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
@@ -18,12 +15,16 @@ const NODE: &str = "/dev/video0";
 const WITHIN: Duration = Duration::from_secs(10);
 
 const BRIGHTNESS: u32 = 0x0098_0900;
+const GAIN_AUTOMATIC: u32 = 0x0098_0912;
 // vivid's own controls.
 const TEST_PATTERN: u32 = 0x00f0_f000;
 const WRAP_TIMESTAMP: u32 = 0x00f0_f027;
 const PERCENTAGE_DROPPED: u32 = 0x00f0_f040;
 const DISCONNECT: u32 = 0x00f0_f041;
 const BUFFER_ERROR: u32 = 0x00f0_f042;
+const REFUSE_BUFFERS: u32 = 0x00f0_f043;
+const REFUSE_QUEUEING: u32 = 0x00f0_f044;
+const REFUSE_STREAMING: u32 = 0x00f0_f045;
 const FATAL_ERROR: u32 = 0x00f0_f046;
 // Its test patterns.
 const COLOUR_BARS: i64 = 0;
@@ -310,4 +311,80 @@ async fn the_portable_source_takes_fresh_frames() {
         assert!(seen.iter().all(|c| c.abs_diff(expected) < 40), "round {i}: {seen:?} for {expected}");
     }
     println!("nokhwa: stale frames 0 of 6; waits in ms: {waits:?}");
+}
+
+#[tokio::test]
+async fn a_driver_that_refuses_to_begin_is_told_and_works_the_next_time() {
+    let _alone = alone();
+    for (button, what) in
+        [(REFUSE_BUFFERS, "buffers"), (REFUSE_QUEUEING, "queueing"), (REFUSE_STREAMING, "streaming")]
+    {
+        press(button, 1);
+        let said = match V4lCamera::open(&settings("stall_ms = 700")) {
+            Err(error @ CameraError::Open { .. }) => error.to_string(),
+            Err(other) => panic!("{what}: {other}"),
+            // What is refused once while streaming begins is tried again.
+            Ok(mut camera) => {
+                fresh(&mut camera).await;
+                "tried again, and streams".to_owned()
+            }
+        };
+        println!("refused {what}: {said}");
+        let mut camera = V4lCamera::open(&settings("")).unwrap_or_else(|e| panic!("{what}, afterwards: {e}"));
+        fresh(&mut camera).await;
+    }
+}
+
+#[tokio::test]
+async fn the_queue_refused_in_mid_stream_is_survived() {
+    let _alone = alone();
+    let mut camera = V4lCamera::open(&settings("")).expect("opens");
+    fresh(&mut camera).await;
+    press(REFUSE_QUEUEING, 1);
+    for _ in 0..5 {
+        fresh(&mut camera).await;
+    }
+}
+
+#[tokio::test]
+async fn a_format_changed_by_another_program_is_refused_while_streaming_and_renegotiated_afterwards() {
+    let _alone = alone();
+    use v4l::video::Capture;
+    let other = v4l::Device::with_path(NODE).expect("another program opens it");
+    let larger = v4l::Format::new(1280, 720, v4l::FourCC::new(b"RGB3"));
+    {
+        let mut camera = V4lCamera::open(&settings("fourcc = \"YUYV\"")).expect("opens");
+        fresh(&mut camera).await;
+        // The kernel keeps the format of a camera that streams.
+        let changed = other.set_format(&larger);
+        println!("while streaming: {:?}", changed.as_ref().map(|f| (f.width, f.fourcc)));
+        let frame = fresh(&mut camera).await;
+        assert_eq!((frame.width, frame.height, frame.stamp.fourcc.as_str()), (640, 480, "YUYV"));
+    }
+    // Between two sessions it may be anything: opening asks for its own again.
+    let given = other.set_format(&larger).expect("nobody streams");
+    assert_eq!(given.width, 1280);
+    let mut camera = V4lCamera::open(&settings("fourcc = \"YUYV\"")).expect("opens again");
+    let frame = fresh(&mut camera).await;
+    assert_eq!((frame.width, frame.height, frame.stamp.fourcc.as_str()), (640, 480, "YUYV"));
+}
+
+#[tokio::test]
+async fn automatics_are_frozen_at_what_they_found() {
+    let _alone = alone();
+    press(GAIN_AUTOMATIC, 1);
+    let listing = list::list().into_iter().find(|c| c.node == NODE).expect("listed");
+    let frozen = twinrig::device::camera::freeze::freeze(&listing.controls);
+    println!("frozen: {frozen:?}");
+    assert_eq!(frozen.get("gain_automatic"), Some(&0));
+    assert!(frozen.contains_key("gain"));
+    let left = twinrig::device::camera::freeze::left_on(&listing.controls, &Default::default());
+    assert_eq!(left, ["gain_automatic"]);
+    let lines: Vec<String> = frozen.iter().map(|(k, v)| format!("{k} = {v}")).collect();
+    let camera =
+        V4lCamera::open(&settings(&format!("controls = {{ {} }}", lines.join(", ")))).expect("locks");
+    for (name, value) in &camera.description().controls {
+        assert_eq!(frozen.get(name), Some(value), "{name} reads back");
+    }
+    press(GAIN_AUTOMATIC, 0);
 }

@@ -6,6 +6,7 @@
 //! Rows may be padded (`stride`); no scaling, no colour correction happens here.
 
 mod bayer;
+mod huffman;
 
 use bayer::Mosaic;
 use image::ImageFormat;
@@ -187,7 +188,8 @@ fn yuv_to_rgb(y: u8, u: u8, v: u8) -> [u8; 3] {
 }
 
 fn decode_jpeg(bytes: &[u8], width: u32, height: u32) -> Result<Vec<u8>, DecodeError> {
-    let picture = image::load_from_memory_with_format(bytes, ImageFormat::Jpeg)
+    let complete = huffman::with_tables(bytes);
+    let picture = image::load_from_memory_with_format(&complete, ImageFormat::Jpeg)
         .map_err(|e| DecodeError::Jpeg(e.to_string()))?
         .into_rgb8();
     if picture.dimensions() != (width, height) {
@@ -267,5 +269,58 @@ mod tests {
         assert!(near(&rgb, picture.as_raw(), 4));
         assert!(matches!(decode(PixelFormat::Mjpg, &bytes, 8, 16, 0), Err(DecodeError::JpegSize { .. })));
         assert!(matches!(decode(PixelFormat::Mjpg, &bytes[..40], 16, 8, 0), Err(DecodeError::Jpeg(_))));
+    }
+
+    #[test]
+    fn motion_jpeg_comes_without_huffman_tables_and_with_bytes_behind_it() {
+        let picture =
+            image::RgbImage::from_fn(32, 16, |x, y| image::Rgb([(x * 7) as u8, (y * 13) as u8, 90]));
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        picture.write_to(&mut bytes, ImageFormat::Jpeg).unwrap();
+        let whole = bytes.into_inner();
+        let expected = decode(PixelFormat::Mjpg, &whole, 32, 16, 0).unwrap();
+        // UVC cameras leave the standard tables out, and pad their buffers.
+        let mut bare = huffman::without_tables(&whole);
+        assert!(bare.len() < whole.len(), "there were tables");
+        bare.extend([0; 64]);
+        assert_eq!(decode(PixelFormat::Mjpg, &bare, 32, 16, 0).unwrap(), expected);
+        assert!(decode(PixelFormat::Mjpg, &[], 32, 16, 0).is_err());
+    }
+
+    #[test]
+    fn chroma_belongs_to_its_own_pixels() {
+        let (red, blue) = ([200, 30, 40], [20, 50, 210]);
+        let ([yr, ur, vr], [yb, ub, vb]) = (rgb_to_yuv(red), rgb_to_yuv(blue));
+        // Two pixels of one colour, then two of the other, also in padded rows.
+        let yuyv: Vec<u8> = [[yr, ur, yr, vr], [yb, ub, yb, vb]].concat();
+        let expected = [red, red, blue, blue].concat();
+        assert!(near(&decode(PixelFormat::Yuyv, &yuyv, 4, 1, 0).unwrap(), &expected, 3));
+        // Red above, blue below, two rows each; rows of 4 pixels in 6 bytes.
+        let row = |y: u8| [y, y, y, y, 0, 0];
+        let luma = [row(yr), row(yr), row(yb), row(yb)].concat();
+        let chroma = [[ur, vr, ur, vr, 0, 0], [ub, vb, ub, vb, 0, 0]].concat();
+        let nv12 = [luma, chroma].concat();
+        let expected = [red.repeat(8), blue.repeat(8)].concat();
+        assert!(near(&decode(PixelFormat::Nv12, &nv12, 4, 4, 6).unwrap(), &expected, 3));
+        // An odd width has half a chroma pair at its end.
+        let odd = decode(PixelFormat::Yuyv, &[yr, ur, yr, vr, yb, ub, 0, vb], 3, 1, 0).unwrap();
+        assert!(near(&odd, &[red, red, blue].concat(), 3), "{odd:?}");
+    }
+
+    #[test]
+    fn every_mosaic_is_read_in_its_own_order() {
+        // One 2 x 2 cell, repeated: red 200, green 100, blue 50, in the order of each name.
+        let code = |c: char| match c {
+            'R' => 200,
+            'G' => 100,
+            _ => 50,
+        };
+        for (fourcc, cell) in [("RGGB", "RGGB"), ("GRBG", "GRBG"), ("GBRG", "GBRG"), ("BA81", "BGGR")] {
+            let c: Vec<u8> = cell.chars().map(code).collect();
+            let rows = [[c[0], c[1]].repeat(3), [c[2], c[3]].repeat(3)].concat().repeat(2);
+            let format = PixelFormat::from_fourcc(fourcc).unwrap();
+            let rgb = decode(format, &rows, 6, 4, 0).unwrap();
+            assert!(rgb.chunks_exact(3).all(|p| p == [200, 100, 50]), "{fourcc}: {rgb:?}");
+        }
     }
 }

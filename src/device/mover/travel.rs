@@ -5,9 +5,10 @@
 //! measure again.
 
 use super::{Measured, Mover, MoverError, Reference};
+use crate::clock::{Part, Timestamp, spent};
 use crate::device::settings::{Approach, Side};
-use crate::motion::LimitError;
-use crate::protocol::{Failure, Request, StopKind, Which};
+use crate::motion::{LimitError, Profile};
+use crate::protocol::{Failure, Request, StopKind};
 use std::time::Duration;
 
 /// Where a move ended, with the proof.
@@ -15,6 +16,8 @@ use std::time::Duration;
 pub struct Reached {
     /// All axes, measured after settling.
     pub measured: Vec<Measured>,
+    /// When the device had said that it is at rest: settling began.
+    pub rested_at: Timestamp,
     /// How often something had to be recovered on the way (a lost reply).
     pub recoveries: u32,
 }
@@ -31,41 +34,19 @@ impl Mover {
         self.end_of_stop().await?;
         let targets = self.check_targets(targets)?;
         self.require_reference()?;
-        let here = self.read_positions().await?;
+        let here = self.resting().await?;
         self.check_feed(&targets, feed, &here)?;
-        let mut reached = Reached { measured: here.clone(), recoveries: 0 };
+        let mut reached = Reached { measured: here.clone(), rested_at: self.clock.now(), recoveries: 0 };
         for leg in self.legs(&targets, &here) {
             self.still_allowed()?;
-            let legs = self.travel(&leg, feed).await?;
+            let legs = self.travel(&leg, &reached.measured, feed).await?;
             reached = Reached { recoveries: reached.recoveries + legs.recoveries, ..legs };
         }
         Ok(reached)
     }
 
-    /// Begins a move that will be cancelled: towards `target`, which must be inside the limits.
-    /// Returns when the device has accepted it; [`Mover::jog_cancel`] ends it.
-    pub async fn jog(&mut self, axis: &str, target: f64, feed: f64) -> Result<(), MoverError> {
-        if self.spec.motion.jog.is_empty() || self.spec.motion.jog_cancel.is_none() {
-            let protocol = self.spec.protocol.name.clone();
-            return Err(MoverError::NotSupported { protocol, what: "jog commands" });
-        }
-        self.end_of_stop().await?;
-        let targets = self.check_targets(&[(axis, target)])?;
-        self.settings.axes[axis].limits().check_feed(axis, feed)?;
-        self.require_reference()?;
-        self.call(Request::Move { targets, feed, jog: true }).await?;
-        Ok(())
-    }
-
-    /// Ends a jog: decelerates, and returns the position once the device is at rest.
-    pub async fn jog_cancel(&mut self) -> Result<Vec<Measured>, MoverError> {
-        self.call(Request::Run(Which::JogCancel)).await?;
-        self.settle().await?;
-        self.read_positions().await
-    }
-
     /// Targets by index, every one inside its limits.
-    fn check_targets(&self, targets: &[(&str, f64)]) -> Result<Vec<(usize, f64)>, MoverError> {
+    pub(super) fn check_targets(&self, targets: &[(&str, f64)]) -> Result<Vec<(usize, f64)>, MoverError> {
         let mut indexed = Vec::new();
         for (name, target) in targets {
             let (at, settings) = self.axis(name)?;
@@ -92,7 +73,7 @@ impl Mover {
         Ok(())
     }
 
-    fn require_reference(&self) -> Result<(), MoverError> {
+    pub(super) fn require_reference(&self) -> Result<(), MoverError> {
         let loss = self.link.telemetry().last_loss;
         let reason = match self.reference() {
             Reference::Referenced => return Ok(()),
@@ -104,7 +85,7 @@ impl Mover {
     }
 
     /// Between two sendings: no stop was called, and the positions are still trusted.
-    fn still_allowed(&self) -> Result<(), MoverError> {
+    pub(super) fn still_allowed(&self) -> Result<(), MoverError> {
         if self.stop_handle().is_stopped() {
             return Err(Failure::Stopped.into());
         }
@@ -130,8 +111,15 @@ impl Mover {
     }
 
     /// Sends one straight move and proves its end.
-    async fn travel(&mut self, targets: &[(usize, f64)], feed: f64) -> Result<Reached, MoverError> {
+    async fn travel(
+        &mut self,
+        targets: &[(usize, f64)],
+        here: &[Measured],
+        feed: f64,
+    ) -> Result<Reached, MoverError> {
         let mut recoveries = 0;
+        self.resting = None;
+        let begun = self.clock.now();
         let sent = self.call(Request::Move { targets: targets.to_vec(), feed, jog: false }).await;
         let confirmed = match sent {
             Ok(_) => true,
@@ -143,7 +131,9 @@ impl Mover {
             }
             Err(failure) => return Err(self.after_failure(failure)),
         };
+        let accepted = self.clock.now();
         self.settle().await?;
+        let ended = self.clock.now();
         let arrived = self.measure_arrival(targets).await;
         self.require_kept()?;
         match arrived {
@@ -151,21 +141,46 @@ impl Mover {
             Err(MoverError::NotReached { .. }) if !confirmed => return Err(MoverError::MoveUnconfirmed),
             Err(e) => return Err(e),
         }
-        self.clock.sleep(Duration::from_millis(self.settings.settle_ms)).await;
+        // The question has been answered while it settled.
+        let settling = Duration::from_millis(self.settings.settle_ms);
+        self.clock.sleep(settling.saturating_sub(self.clock.now().since(ended))).await;
         self.still_allowed()?;
+        let settled = self.clock.now();
         let measured = self.measure_arrival(targets).await?;
         self.require_kept()?;
-        Ok(Reached { measured, recoveries })
+
+        let way = self.shortest(targets, here, feed);
+        spent(Part::Command, accepted.since(begun));
+        spent(Part::Motion, way);
+        spent(Part::EndOfMotion, ended.since(accepted).saturating_sub(way));
+        spent(Part::Settle, settling);
+        spent(Part::Position, settled.since(ended).saturating_sub(settling));
+        spent(Part::Position, self.clock.now().since(settled));
+        self.resting = Some(measured.clone());
+        Ok(Reached { measured, rested_at: ended, recoveries })
+    }
+
+    /// How long a straight move takes that loses no time: the slowest of its axes decides.
+    fn shortest(&self, targets: &[(usize, f64)], here: &[Measured], feed: f64) -> Duration {
+        let ways: Vec<f64> = targets.iter().map(|(at, t)| (t - here[*at].position).abs()).collect();
+        let line = ways.iter().map(|w| w * w).sum::<f64>().sqrt();
+        let time = |((at, _), way): (&(usize, f64), &f64)| {
+            let limits = self.settings.axes[&self.names[*at]].limits();
+            let share = if line > 0.0 { way / line } else { 0.0 };
+            let feed = (feed * share).min(limits.max_feed);
+            if feed > 0.0 { Profile::new(0.0, *way, feed, limits.accel).duration() } else { Duration::ZERO }
+        };
+        targets.iter().zip(&ways).map(time).max().unwrap_or_default()
     }
 
     /// Waits for the end of motion. A device that has stalled is stopped.
-    async fn settle(&mut self) -> Result<(), MoverError> {
+    pub(super) async fn settle(&mut self) -> Result<(), MoverError> {
         let stall = Duration::from_millis(self.settings.stall_ms);
         match self.call(Request::Settle { stall }).await {
             Ok(_) => Ok(()),
             Err(failure @ (Failure::Stalled { .. } | Failure::NoReply { .. })) => {
                 // It may still be moving, and nobody knows where: stop it, trust nothing.
-                self.homed_at_loss = self.homed_at_loss.map(|_| u64::MAX);
+                self.homed.distrust();
                 self.stop_handle().stop(StopKind::Controlled);
                 if let Err(e) = self.link.finish_stop().await {
                     tracing::warn!("stopping after \"{failure}\" failed as well: {e}");

@@ -25,6 +25,8 @@ use std::time::Duration;
 const DEFAULT_FPS: f64 = 30.0;
 /// From the end of an exposure to the frame's arrival.
 const READOUT: Duration = Duration::from_millis(4);
+/// Frames that wait for a taker who is late, as with the camera sources of a kernel.
+const BUFFERED: u32 = 3;
 /// Instants of an exposure that a blurred frame is the mean of.
 const BLUR_SAMPLES: i64 = 4;
 /// A pose that changes by less than this during an exposure is not blurred, mm and degrees.
@@ -205,8 +207,9 @@ impl VirtualCamera {
             }
             self.refuse_stale(t);
 
-            // A frame that began before the call was exposed, but nobody was there to take it.
-            let earliest = t.max(asked).max(self.silent_until);
+            // Frames that arrived before the call wait in the driver's buffers, the last few of them.
+            let oldest = asked.before(self.exposure + READOUT + self.period * BUFFERED);
+            let earliest = t.max(oldest).max(self.silent_until).max(self.start);
             let sequence = self.first_from(earliest).max(self.next_sequence);
             let begins = self.begins(sequence);
             let arrives = begins.after(self.exposure + READOUT);

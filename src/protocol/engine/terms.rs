@@ -81,10 +81,12 @@ pub enum Which {
 }
 
 /// How to stop.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum StopKind {
     /// Decelerate; positions stay trusted where the firmware allows it.
     Controlled,
+    /// End a search for references: some firmwares do not listen to a controlled stop then.
+    Homing,
     /// At once, whatever it costs.
     Emergency,
 }

@@ -437,9 +437,10 @@ impl Check<'_, '_> {
             let next = "add [stop.emergency] with its steps";
             self.problems.push("stop", "no [stop.emergency]", "a way to stop at once", next);
         }
-        for name in spec.stop.keys().filter(|n| !["emergency", "controlled"].contains(&n.as_str())) {
-            let next = "rename it; only these two are ever run";
-            self.problems.push(&format!("stop.{name}"), quoted(name), "emergency, controlled", next);
+        for name in spec.stop.keys().filter(|n| !["emergency", "controlled", "homing"].contains(&n.as_str()))
+        {
+            let next = "rename it; only these are ever run";
+            self.problems.push(&format!("stop.{name}"), quoted(name), "emergency, controlled, homing", next);
         }
         self.procedure("init", &spec.init);
         self.procedure("home", &spec.home);

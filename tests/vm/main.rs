@@ -1,0 +1,7 @@
+//! What needs a real kernel's devices: run by `tests/vm/run` in a virtual machine that has them.
+#![cfg(target_os = "linux")]
+// What was measured is printed, for whoever runs this by hand.
+#![allow(clippy::print_stdout)]
+
+mod camera;
+mod serial;
