@@ -151,7 +151,8 @@ impl TestBench {
         };
         let camera = VirtualCamera::new(&rig.camera, look, world.clone(), clock);
         let faults = camera.faults();
-        let bench = Bench { movers, map: rig.motion.clone(), camera: Box::new(camera), clock, stop, rested_at: None };
+        let bench =
+            Bench { movers, map: rig.motion.clone(), camera: Box::new(camera), clock, stop, rested_at: None };
         let (answer, mounts, struck_at) = (Some(true), true, Arc::default());
         Ok(TestBench {
             bench,

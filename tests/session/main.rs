@@ -5,6 +5,7 @@
 //! the arm if, and only if, its position is trusted.
 
 mod bench_over_pipes;
+mod overhead;
 
 use bench_over_pipes::{TestBench, press, pressed_by_grbl, slip, touching};
 use std::collections::BTreeSet;
