@@ -20,7 +20,9 @@ mod home;
 mod jog;
 mod move_to;
 mod options;
+mod protocol;
 mod render;
+mod replay;
 mod report;
 mod simulate;
 mod status;
@@ -62,7 +64,9 @@ enum Command {
     Report(report::Args),
     Emulate(emulate::Args),
     Render(render::Args),
+    Protocol(protocol::Args),
     Bench(bench::Args),
+    Replay(replay::Args),
 }
 
 /// Parses the arguments, runs the subcommand, and turns its ending into an exit code.
@@ -94,7 +98,9 @@ pub fn main() -> ExitCode {
             Command::Report(args) => args.run(),
             Command::Emulate(args) => args.run().await,
             Command::Render(args) => args.run(),
+            Command::Protocol(args) => args.run(),
             Command::Bench(args) => args.run().await,
+            Command::Replay(args) => args.run(),
         }
     });
     // Blocking threads (a camera that hangs in its driver) must not keep the process alive.

@@ -131,7 +131,15 @@ impl Collection<'_> {
                 cancel: cancel.clone(),
                 progress: self.progress.clone(),
             };
-            tokio::task::spawn_blocking(move || simulation.run())
+            let (running, stop) = (tokio::task::spawn_blocking(move || simulation.run()), self.stop.clone());
+            tokio::spawn(async move {
+                let ended = running.await.unwrap_or(Err(CollectionError::Vanished { part: "twin" }));
+                // A disk that takes no pictures of the twin will soon take none of the camera.
+                if matches!(ended, Err(CollectionError::Dataset(_))) {
+                    stop.raise(StopLevel::Controlled);
+                }
+                ended
+            })
         });
         let stopped_twin = tokio::spawn({
             let (stop, cancel) = (self.stop.clone(), cancel.clone());
@@ -178,9 +186,10 @@ impl Collection<'_> {
         stopped_twin.abort();
         let stopped = self.stop.is_raised();
         match (bench, simulated) {
-            (Err(CollectionError::Session(e)), _) if e.is_stop() => {
-                Ok(Ending { not_simulated: Vec::new(), stopped: true })
+            (Err(CollectionError::Session(e)), Ok(not_simulated)) if e.is_stop() => {
+                Ok(Ending { not_simulated, stopped: true })
             }
+            (Err(CollectionError::Session(e)), Err(why)) if e.is_stop() => Err(why),
             (Err(e), _) | (_, Err(e)) => Err(e),
             (Ok(()), Ok(not_simulated)) => Ok(Ending { not_simulated, stopped }),
         }

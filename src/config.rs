@@ -34,7 +34,7 @@ pub mod tree;
 pub use check_report::CheckReport;
 pub use load::{IndenterConfig, PlanSetup, Setup, check, load};
 pub use lookup::{Kind, SourceFile};
-pub use protocol_file::{ProtocolFileError, protocol};
+pub use protocol_file::{ProtocolFile, protocol, protocol_file, shipped_protocols};
 pub use report::{ConfigError, Finding};
 pub use rig::{
     Mounted, OpticsMode, OpticsTable, RigConfig, SessionTable, TwinPoses, TwinTable, VirtualTable,

@@ -4,7 +4,7 @@
 //! DIR/dataset.json                      provenance, written once
 //! DIR/trajectory.json                   the trajectory both sides followed
 //! DIR/journal/{real,sim,sessions}.ndjson append-only truth
-//! DIR/data/<split>/{real,sim}/NNNNNN.png, depth/NNNNNN.tiff
+//! DIR/data/<split>/{real,sim,contact}/NNNNNN.png, depth/NNNNNN.tiff
 //! DIR/data/<split>/metadata.parquet     rebuilt from the journals, one row per pair
 //! DIR/background/                       untouched sensor and touch-off frames, never rows
 //! DIR/README.md, MANIFEST.blake3, report.html
@@ -54,6 +54,14 @@ pub enum Error {
         path: PathBuf,
         /// The system's reason.
         why: String,
+    },
+    /// No room is left.
+    #[error(
+        "the disk is full: {path} could not be written. What was stored before is whole; free some space (`twinrig check RIG PLAN` says how much a plan needs) and run the same command with --resume"
+    )]
+    DiskFull {
+        /// The file or folder.
+        path: PathBuf,
     },
     /// The system refused to read.
     #[error("cannot read {path}: {why}; check the path and its permissions")]
@@ -141,7 +149,11 @@ pub enum Error {
 
 impl Error {
     fn write(path: &Path, e: &std::io::Error) -> Self {
-        Error::Write { path: path.to_owned(), why: e.to_string() }
+        let path = path.to_owned();
+        match e.kind() {
+            std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => Error::DiskFull { path },
+            _ => Error::Write { path, why: e.to_string() },
+        }
     }
 
     fn read(path: &Path, e: &std::io::Error) -> Self {
@@ -295,19 +307,21 @@ impl Dataset {
         locked(&self.real).append(Line { capture, files: vec![file], record }, self.interrupt.as_ref())
     }
 
-    /// Stores the simulated side of a capture: a PNG, a depth TIFF, and what is known.
+    /// Stores the simulated side of a capture: a PNG, a depth TIFF, a contact mask (PNG), and what is known.
     pub fn append_sim(
         &self,
         capture: u32,
         record: SimRecord,
         png: &[u8],
         depth_tiff: &[u8],
+        contact_png: &[u8],
     ) -> Result<(), Error> {
         let split = self.split_of(capture);
         let picture = self.store(format!("data/{split}/sim/{capture:06}.png"), png)?;
         let depth = self.store(format!("data/{split}/depth/{capture:06}.tiff"), depth_tiff)?;
+        let contact = self.store(format!("data/{split}/contact/{capture:06}.png"), contact_png)?;
         locked(&self.sim)
-            .append(Line { capture, files: vec![picture, depth], record }, self.interrupt.as_ref())
+            .append(Line { capture, files: vec![picture, depth, contact], record }, self.interrupt.as_ref())
     }
 
     /// Stores a picture of the untouched sensor or of a touch-off.
@@ -367,11 +381,11 @@ impl Dataset {
         }
         let pairs = by_split.iter().map(|(split, rows)| (split.clone(), rows.len())).collect();
         place(&self.root.join("README.md"), card::card(&self.provenance, &pairs).as_bytes(), None)?;
-        place(&self.root.join("MANIFEST.blake3"), self.manifest(&rows).as_bytes(), None)
+        place(&self.root.join(MANIFEST), self.manifest(&rows)?.as_bytes(), None)
     }
 
-    /// Sums of all files of all rows, in the format of `b3sum`.
-    fn manifest(&self, rows: &[Row]) -> String {
+    /// Sums of all files of all rows and of all that describes them, in the format of `b3sum`.
+    fn manifest(&self, rows: &[Row]) -> Result<String, Error> {
         let mut text = String::new();
         for row in rows {
             let real = row.real.iter().flat_map(|l| &l.files);
@@ -379,7 +393,34 @@ impl Dataset {
                 text.push_str(&format!("{}  {}\n", file.blake3, file.path));
             }
         }
-        text
+        let mut described =
+            vec!["README.md".to_owned(), "dataset.json".to_owned(), "trajectory.json".to_owned()];
+        let splits: BTreeSet<&str> = rows.iter().map(|row| self.split_of(row.capture)).collect();
+        described.extend(splits.into_iter().map(|split| format!("data/{split}/metadata.parquet")));
+        described.extend(self.backgrounds()?.into_iter().map(|name| format!("background/{name}.png")));
+        for path in described {
+            let file = self.root.join(&path);
+            let bytes = std::fs::read(&file).map_err(|e| Error::read(&file, &e))?;
+            text.push_str(&format!("{}  {path}\n", blake3::hash(&bytes).to_hex()));
+        }
+        Ok(text)
+    }
+
+    /// Names of the pictures under `background/`, in order.
+    pub fn backgrounds(&self) -> Result<Vec<String>, Error> {
+        let folder = self.root.join("background");
+        let entries = match std::fs::read_dir(&folder) {
+            Ok(entries) => entries,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+            Err(e) => return Err(Error::read(&folder, &e)),
+        };
+        let names = entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned());
+        let mut names: Vec<String> = names
+            .filter(|n| !n.starts_with('.'))
+            .filter_map(|n| n.strip_suffix(".png").map(str::to_owned))
+            .collect();
+        names.sort();
+        Ok(names)
     }
 
     /// Split of a capture.
@@ -408,6 +449,8 @@ fn is_our_leftover(name: &str) -> bool {
 }
 
 const LOCK: &str = ".lock";
+
+const MANIFEST: &str = "MANIFEST.blake3";
 
 /// An exclusive lock that the system releases when the process ends, however it ends.
 fn lock(root: &Path) -> Result<File, Error> {

@@ -9,5 +9,6 @@ pub mod camera;
 pub mod link;
 pub mod mover;
 pub mod port;
+pub mod replay;
 pub mod settings;
 pub mod virtual_bench;

@@ -43,6 +43,17 @@ pub fn solver(
     }
 }
 
+/// Whether a pad can be solved as the settings say, without solving anything.
+///
+/// # Errors
+/// What [`solver`] would say about the settings.
+pub fn check(pad: &Pad, settings: &Settings) -> Result<(), Error> {
+    match settings.mode {
+        Mode::QuasiStatic => quasi_static::check(pad, settings),
+        Mode::Mpm | Mode::Impm => mpm::scheme::Scheme::new(pad, settings).map(drop),
+    }
+}
+
 /// A deforming pad that follows one indenter.
 pub trait Elastomer: Send {
     /// Moves the indenter in a straight line (and a linear turn) to `pose` and lets the pad follow.

@@ -1,12 +1,13 @@
 //! The twin: our physical model of the rig, following the same trajectory.
 //!
 //! It turns a trajectory into simulated captures: [`branches`] finds what paths have in common,
-//! [`simulate`] walks them with an elastomer, [`view`] makes the picture and the depth map that the
-//! sensor's camera would give. It knows motion, elastomer and optics; it opens no device and no file.
+//! [`simulate`] walks them with an elastomer, [`view`] makes the picture, the depth map and the
+//! contact mask that the sensor's camera would give. It knows motion, elastomer and optics; it opens no device and no file.
 //!
 //! What it leaves out: the indenter's own colour (the coating is opaque), heat, creep, dust.
 
 pub mod branches;
+pub mod contact_mask;
 pub mod simulate;
 pub mod view;
 

@@ -22,6 +22,7 @@ const CHEAP: [&str; 5] = [
 fn twinrig(args: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_twinrig"));
     command.args(args).current_dir(env!("CARGO_MANIFEST_DIR")).env("NO_COLOR", "1").env("COLUMNS", "100");
+    command.env("TWINRIG_LOGS", concat!(env!("CARGO_TARGET_TMPDIR"), "/logs"));
     command.env_remove("TWINRIG_LOG").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
 }
@@ -80,7 +81,7 @@ fn real_lines(out: &Path) -> usize {
 fn every_subcommand_explains_itself_with_an_example() {
     let commands = [
         "collect", "check", "simulate", "drive", "devices", "home", "move", "capture", "verify", "report",
-        "emulate", "render", "jog", "stop", "status", "camera",
+        "emulate", "render", "protocol", "jog", "stop", "status", "camera", "bench", "replay",
     ];
     let overview = text(&run(&["--help"]).stdout);
     for command in commands {
@@ -263,4 +264,64 @@ fn a_dataset_of_another_plan_is_refused_and_left_alone() {
     assert_eq!(other.status.code(), Some(2), "{}", text(&other.stderr));
     assert!(text(&other.stderr).contains("another"), "{}", text(&other.stderr));
     assert_eq!(verified(&out)["real"], 4);
+}
+
+#[test]
+fn protocols_are_listed_linted_and_tested() {
+    let listed = text(&run(&["protocol", "list"]).stdout);
+    for name in ["grbl", "marlin", "zaber_ascii", "newport_smc100"] {
+        assert!(listed.lines().any(|l| l.starts_with(&format!("{name} "))), "{listed}");
+    }
+    let output = run(&["protocol", "test", "grbl", "newport_smc100"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert_eq!(text(&output.stdout).matches("all hold").count(), 2);
+
+    // What does not hold is code 1, and told with its line.
+    let fails = "tests/bad_protocols/fails.toml";
+    let output = run(&["protocol", "test", fails]);
+    let said = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("3 of them FAIL"), "{said}");
+    let line = said.lines().find(|l| l.contains("1PA5.1")).unwrap_or_else(|| panic!("{said}"));
+    let number: usize =
+        line.split(':').nth(1).and_then(|n| n.parse().ok()).unwrap_or_else(|| panic!("{line}"));
+    let file = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(fails)).expect("a fixture");
+    assert_eq!(file.lines().nth(number - 1), Some("[[vector]]"), "{line}");
+
+    // What is not a protocol is code 2.
+    let output = run(&["protocol", "test", "grbl", "tests/bad_protocols/syntax.toml", "--json"]);
+    assert_eq!(output.status.code(), Some(2));
+    let verdicts: serde_json::Value = serde_json::from_slice(&output.stdout).expect("one document");
+    assert_eq!(verdicts[0]["refused"], serde_json::Value::Null);
+    assert!(verdicts[1]["refused"]["findings"][0]["line"].as_u64().is_some(), "{verdicts}");
+    assert_eq!(run(&["protocol", "lint", "nothing_of_that_name"]).status.code(), Some(2));
+}
+
+#[test]
+fn the_log_of_every_port_is_replayed_and_a_difference_is_found() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let moved = twinrig(&["move", VIRTUAL, "--z", "5", "--home", "--speed", "20"])
+        .env("TWINRIG_LOGS", folder.path())
+        .output()
+        .expect("the program starts");
+    assert!(moved.status.success(), "{}", text(&moved.stderr));
+    let session =
+        std::fs::read_dir(folder.path()).expect("logs").next().expect("a session").expect("a folder");
+    for device in ["arm", "stage"] {
+        let log = session.path().join(format!("{device}.log"));
+        let path = log.to_str().expect("a path");
+        let output = run(&["replay", path]);
+        let said = text(&output.stdout);
+        assert_eq!(output.status.code(), Some(0), "{said}{}", text(&output.stderr));
+        assert!(said.contains("run home") && said.contains("would do the same"), "{said}");
+    }
+    let log = session.path().join("arm.log");
+    let honest = std::fs::read_to_string(&log).expect("a log");
+    let target = honest.lines().find(|l| l.contains(" > ") && l.contains("G1 ")).expect("a move");
+    std::fs::write(&log, honest.replace(target, &target.replace("G1 ", "G0 "))).expect("a log");
+    let output = run(&["replay", log.to_str().expect("a path"), "--json"]);
+    assert_eq!(output.status.code(), Some(1));
+    let story: serde_json::Value = serde_json::from_slice(&output.stdout).expect("one document");
+    assert!(story["difference"]["engine"].as_str().is_some_and(|e| e.contains("G1 ")), "{story}");
+    assert_eq!(run(&["replay", "README.md"]).status.code(), Some(2));
 }

@@ -128,7 +128,8 @@ fn every_override_of_the_conventions_reaches_its_setting() {
     assert_eq!(plan.trajectory.captures.len(), 4 * 2 * 3);
     assert_eq!(plan.indenters["sphere"].edge_round_mm, 0.1);
     // A friction of 0 is a number, and frictionless.
-    let frictionless = load("virtual", "slip", &["elastomer.friction=0"]).unwrap();
+    let frictionless = ["elastomer.mode=\"quasi_static\"", "elastomer.friction=0"];
+    let frictionless = load("virtual", "slip", &frictionless).unwrap();
     assert_eq!(frictionless.rig.elastomer.friction, Friction::Coefficient(0.0));
     assert_ne!(frictionless.hash(), setup.hash());
 }
@@ -195,4 +196,40 @@ fn bad_files_are_refused_with_the_message_on_record() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Refuses every `tests/bad_protocols/*.toml`, each with the message on record beside it (written anew
+/// where TWINRIG_ACCEPT is set). `fails.toml` is sound, but its examples do not hold.
+#[test]
+fn bad_protocols_are_refused_with_the_message_on_record() {
+    let folder = root().join("tests/bad_protocols");
+    let mut files: Vec<PathBuf> = std::fs::read_dir(&folder).unwrap().map(|e| e.unwrap().path()).collect();
+    files.retain(|f| f.extension().is_some_and(|e| e == "toml") && !f.ends_with("fails.toml"));
+    files.sort();
+    assert!(files.len() >= 8, "{} fixtures", files.len());
+    let mut wrong = Vec::new();
+    for file in files {
+        let error = config::protocol(file.to_str().unwrap()).expect_err(&file.display().to_string());
+        let said = format!("{error}\n").replace(&format!("{}/", root().display()), "");
+        let expected = file.with_extension("txt");
+        if std::env::var_os("TWINRIG_ACCEPT").is_some() {
+            std::fs::write(&expected, &said).unwrap();
+        }
+        if std::fs::read_to_string(&expected).unwrap_or_default() != said {
+            wrong.push(format!("{}:\n{said}", file.display()));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(config::protocol(folder.join("fails.toml").to_str().unwrap()).is_ok());
+}
+
+#[test]
+fn every_shipped_protocol_is_sound_and_keeps_its_word() {
+    use twinrig::protocol::conformance::{Case, check};
+    let shipped = config::shipped_protocols();
+    assert_eq!(shipped.iter().map(|n| (*n).to_owned()).collect::<BTreeSet<_>>(), stems("firmware_protocols"));
+    for name in shipped {
+        let spec = config::protocol(name).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(check(&spec).failures().collect::<Vec<_>>(), Vec::<&Case>::new(), "{name}");
+    }
 }

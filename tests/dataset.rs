@@ -138,7 +138,7 @@ fn collect(dataset: &Dataset) -> Result<(), dataset::Error> {
         }
         if !done_sim.contains(&k) {
             let (record, png, tiff) = sim(k);
-            dataset.append_sim(k, record, &png, &tiff)?;
+            dataset.append_sim(k, record, &png, &tiff, b"contact")?;
         }
     }
     dataset.finalise(&BTreeMap::new())
@@ -188,7 +188,7 @@ fn killed_at_every_moment_and_resumed_nothing_is_lost_doubled_or_torn() {
         }
         moment += 1;
     }
-    assert_eq!(moment, 4 * (3 * 5 + 2 * 2), "every moment of every capture was tried");
+    assert_eq!(moment, 4 * (4 * 5 + 2 * 2), "every moment of every capture was tried");
 }
 
 proptest! {

@@ -22,6 +22,9 @@ def main(folder: str) -> None:
         depth = numpy.asarray(row["depth"])
         assert depth.dtype == numpy.float32, f"depth is {depth.dtype}"
         assert numpy.isfinite(depth).all() and depth.min() > -10, "depth is no height in mm"
+        contact = numpy.asarray(row["contact_mask"])
+        assert row["contact_mask"].mode == "L" and set(numpy.unique(contact)) <= {0, 255}, "the contact is no mask"
+        assert contact.shape == depth.shape, "mask and depth differ in size"
         assert row["capture"] is not None and row["pair_id"], "a row has no identity"
         print(f"{name}: {split.num_rows} rows, {len(split.column_names)} columns, depth from {depth.min():.3f} to {depth.max():.3f} mm")
     print(f"{rows} rows in all")

@@ -7,7 +7,7 @@ use crate::assemble::{self, Assembled, BenchOptions};
 use crate::config::Setup;
 use crate::control::{Board, RigKey, Server};
 use crate::session::{BenchError, StopLevel, StopSwitch};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A bench at hand.
 pub struct AtBench {
@@ -52,7 +52,7 @@ impl AtBench {
             Exit::Failed
         })?;
         let (board, control) = answer_others(command, &setup, rig, &stop, &signals);
-        let options = BenchOptions { speed, logs: None, no_camera: true };
+        let options = BenchOptions { speed, logs: session_logs(), no_camera: true };
         let assembled = assemble::bench(&setup, &options, stop).await.map_err(|e| {
             screen::error(&e);
             match e {
@@ -104,6 +104,42 @@ pub(super) fn answer_others(
             (board, None)
         }
     }
+}
+
+/// Folders of sessions that are kept.
+const KEPT_SESSIONS: usize = 50;
+
+/// A new folder for the byte logs of this session: in `$TWINRIG_LOGS`, or else in the user's folder for
+/// state. The oldest folders of many are removed.
+fn session_logs() -> Option<PathBuf> {
+    let state = || {
+        let own = std::env::var_os("XDG_STATE_HOME").map(PathBuf::from);
+        let home = || std::env::var_os("HOME").map(|home| PathBuf::from(home).join(".local/state"));
+        Some(own.or_else(home)?.join("twinrig/logs"))
+    };
+    let logs = std::env::var_os("TWINRIG_LOGS").map(PathBuf::from).or_else(state)?;
+    let now = jiff::Timestamp::now().strftime("%Y%m%dT%H%M%S").to_string();
+    let session = format!("{now}-{}", std::process::id());
+    if let Err(e) = std::fs::create_dir_all(logs.join(&session)) {
+        screen::warning(format_args!(
+            "no logs of the ports: {} cannot be made ({e}); set TWINRIG_LOGS to a folder",
+            logs.display()
+        ));
+        return None;
+    }
+    // Names begin with the time, so they sort by age; what does not look like ours is left alone.
+    let is_ours =
+        |name: &String| name.len() > 16 && name.as_bytes()[8] == b'T' && name.as_bytes()[15] == b'-';
+    let entries = std::fs::read_dir(&logs).into_iter().flatten().flatten();
+    let mut sessions: Vec<String> = entries.filter_map(|e| e.file_name().into_string().ok()).collect();
+    sessions.retain(is_ours);
+    sessions.sort();
+    for old in sessions.iter().rev().skip(KEPT_SESSIONS) {
+        if let Err(e) = std::fs::remove_dir_all(logs.join(old)) {
+            tracing::debug!("{old} stays: {e}");
+        }
+    }
+    Some(logs.join(session))
 }
 
 /// Where the bench is, as a document.

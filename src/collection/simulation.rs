@@ -134,6 +134,7 @@ impl Simulation {
     fn store(&self, deformed: &crate::twin::Deformed, picture: &Picture) -> Result<(), CollectionError> {
         let png = png::encode(&picture.image)?;
         let tiff = depth::encode(picture.image.width, picture.image.height, &picture.depth_mm)?;
+        let contact = png::encode_mask(&picture.contact)?;
         let (settings, material) = (&self.twin.model.settings, self.twin.model.material());
         for capture in &deformed.captures {
             let (forces, stats) = (&deformed.pad.forces, &deformed.pad.stats);
@@ -167,7 +168,7 @@ impl Simulation {
                 residual: stats.residual,
                 estimated_error: stats.estimated_error,
             };
-            self.dataset.append_sim(*capture, record, &png, &tiff)?;
+            self.dataset.append_sim(*capture, record, &png, &tiff, &contact)?;
             let _ = self.progress.send(Progress::Simulated { capture: *capture });
         }
         Ok(())

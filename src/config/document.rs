@@ -85,6 +85,14 @@ impl Document {
         }
     }
 
+    /// The line of a key of this file, or of the nearest table around it.
+    pub fn line_of(&self, key: &str) -> Option<usize> {
+        match self.tree.origin_of(&Path::parse(key)?) {
+            Origin::Line(line) => Some(*line),
+            Origin::Set(_) => None,
+        }
+    }
+
     /// A problem with a key of this file, with the line.
     pub fn finding(&self, problem: &Problem) -> Finding {
         let path = Path::parse(&problem.key).unwrap_or_default();

@@ -75,6 +75,9 @@ fn was_misspelt(problems: &mut [Problem], path: &Path, error: &ReadError) -> boo
     false
 }
 
+/// How [`crate::protocol::Pattern`] begins to say what is wrong with it.
+const NOT_A: &str = "not a regular expression";
+
 /// Marks the value of a key that no type knows.
 const UNKNOWN: &str = "(unknown key)";
 
@@ -119,6 +122,8 @@ fn candidates(error: &ReadError) -> Vec<Value> {
         Value::Float(1.0),
         Value::Integer(1),
         Value::String(String::new()),
+        // A field of a protocol's frame has a form of its own.
+        Value::String("x:u8".to_owned()),
         Value::Boolean(false),
         Value::Table(vec![]),
         Value::Array(vec![]),
@@ -208,6 +213,20 @@ fn describe<T: DeserializeOwned>(tree: &Node, path: &Path, error: &ReadError) ->
         Fault::Type { wanted, .. } => {
             let wanted = plainly(wanted);
             Problem { key, value: written, next: format!("write {wanted}"), allowed: wanted }
+        }
+        // A type of ours that says what it wants: the part in the line is in the value already.
+        Fault::Other(message) if message.starts_with(NOT_A) => {
+            let (reason, wanted) = (message.lines().last().unwrap_or_default(), "a regular expression");
+            let allowed = format!("{wanted} ({})", reason.trim().trim_start_matches("error: "));
+            Problem { key, value: written, allowed, next: "correct the expression".to_owned() }
+        }
+        Fault::Other(message) if message.starts_with(&format!("{written} is not ")) => {
+            let wanted = message[written.len() + " is not ".len()..].to_owned();
+            Problem { key, value: written, next: format!("write {wanted}"), allowed: wanted }
+        }
+        Fault::Other(message) if message.starts_with(&format!("{written}: ")) => {
+            let (value, allowed) = (message.clone(), "what can be read, as in the shipped files".to_owned());
+            Problem { key, value, allowed, next: "correct it".to_owned() }
         }
         Fault::Other(message) => {
             let next = "see the comments in the shipped files".to_owned();

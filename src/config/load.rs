@@ -3,12 +3,14 @@
 use super::check_report::CheckReport;
 use super::document::{Document, Setting};
 use super::lookup::{Kind, Lookup, NotFound, SourceFile, by_path};
+use super::protocol_file;
 use super::report::{COMMAND_LINE, ConfigError, Finding};
 use super::rig::{ANY_SENSOR, RigConfig, RigFile};
 use super::sensor::{SensorConfig, SensorFile};
 use super::tree::Origin;
 use crate::device::camera::settings::CameraSource;
 use crate::device::settings::MoverSettings;
+use crate::elastomer;
 use crate::indenter::spec::Shape;
 use crate::indenter::{self, Indenter, IndenterSpec};
 use crate::motion::Trajectory;
@@ -152,6 +154,7 @@ impl Loader {
         let mut rig = rig?;
         if let (Some(document), Some(sensor)) = (&rig_document, &sensor) {
             self.agree_on_picture(document, &mut rig, sensor);
+            self.agree_on_elastomer(document, &rig, sensor);
         }
         let plan = match (&plan_document, plan_read, &sensor) {
             (Some(document), Some(plan), Some(sensor)) => {
@@ -250,19 +253,9 @@ impl Loader {
             let Some(source) = self.named(Kind::Protocol, &mover.protocol, document, &key, lookup) else {
                 continue;
             };
-            match Spec::parse(&source.path, &source.text) {
-                Ok(spec) => {
-                    self.wiring(document, device, mover, &spec);
-                    protocols.insert(mover.protocol.clone(), Arc::new(spec));
-                }
-                Err(error) => self.findings.extend(error.problems.into_iter().map(|p| Finding {
-                    file: source.path.clone(),
-                    at: Some(Origin::Line(p.line)),
-                    key: String::new(),
-                    value: if p.key.is_empty() { p.message } else { format!("{}: {}", p.key, p.message) },
-                    allowed: "a protocol as in the shipped firmware_protocols/".to_owned(),
-                    next: "correct this line".to_owned(),
-                })),
+            if let Some(file) = protocol_file::read(source, &mut self.findings) {
+                self.wiring(document, device, mover, &file.spec);
+                protocols.insert(mover.protocol.clone(), file.spec);
             }
         }
         protocols
@@ -420,6 +413,20 @@ impl Loader {
                     "choose that camera mode, or correct [optics.camera] in the sensor file",
                 ));
             }
+        }
+    }
+
+    /// What the twin's solver will refuse is refused before anything moves.
+    fn agree_on_elastomer(&mut self, document: &Document, rig: &RigConfig, sensor: &SensorConfig) {
+        if let Err(elastomer::Error::Setting { key, value, why }) =
+            elastomer::check(&sensor.pad, &rig.elastomer)
+        {
+            self.findings.push(document.complain(
+                &format!("elastomer.{key}"),
+                value,
+                why,
+                "change it in the rig file, or by --set",
+            ));
         }
     }
 

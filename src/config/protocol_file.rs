@@ -1,42 +1,62 @@
 //! A protocol by itself: by the path of a file, or by the name of a shipped one.
 
-use super::lookup::{Kind, by_path};
+use super::document::Document;
+use super::lookup::{Kind, NotFound, SourceFile, by_path};
+use super::report::{ConfigError, Finding};
 use crate::protocol::Spec;
-use crate::protocol::spec::SpecError;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Why a protocol cannot be used.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ProtocolFileError {
-    /// There is no such file and no shipped protocol of that name.
-    #[error("protocol {asked}: {problem}; allowed: {allowed}; {next}")]
-    NotFound {
-        /// As it was asked for.
-        asked: String,
-        /// What is wrong.
-        problem: String,
-        /// What would do.
-        allowed: String,
-        /// What to do.
-        next: String,
-    },
-    /// The file is wrong.
-    #[error(transparent)]
-    Spec(#[from] SpecError),
+/// A protocol file that was read and is sound.
+#[derive(Debug, Clone)]
+pub struct ProtocolFile {
+    /// What it says.
+    pub spec: Arc<Spec>,
+    /// The file; its keys still know their lines.
+    pub document: Document,
 }
 
 /// Reads and checks a protocol.
 ///
 /// # Errors
-/// When there is none, or with everything that is wrong in it.
-pub fn protocol(path_or_name: &str) -> Result<Arc<Spec>, ProtocolFileError> {
-    let source =
-        by_path(Kind::Protocol, Path::new(path_or_name)).map_err(|e| ProtocolFileError::NotFound {
-            asked: path_or_name.to_owned(),
-            problem: e.asked,
-            allowed: e.allowed,
-            next: e.next,
-        })?;
-    Ok(Arc::new(Spec::parse(&source.path, &source.text)?))
+/// When there is none of that path or name, or with everything that is wrong in it.
+pub fn protocol(path_or_name: &str) -> Result<Arc<Spec>, ConfigError> {
+    protocol_file(path_or_name).map(|file| file.spec)
+}
+
+/// As [`protocol`], with the file itself.
+///
+/// # Errors
+/// As [`protocol`].
+pub fn protocol_file(path_or_name: &str) -> Result<ProtocolFile, ConfigError> {
+    let mut findings = Vec::new();
+    match by_path(Kind::Protocol, Path::new(path_or_name)) {
+        Ok(source) => {
+            if let Some(file) = read(source, &mut findings) {
+                return Ok(file);
+            }
+        }
+        Err(NotFound { asked, allowed, next }) => {
+            let (file, key) = (path_or_name.to_owned(), String::new());
+            findings.push(Finding { file, at: None, key, value: asked, allowed, next });
+        }
+    }
+    Err(ConfigError { findings })
+}
+
+/// Names of the shipped protocols.
+pub fn shipped_protocols() -> Vec<&'static str> {
+    super::builtin::names(Kind::Protocol).collect()
+}
+
+/// Reads the text of a protocol; everything wrong goes to `findings`, in the order of the lines.
+pub(super) fn read(source: SourceFile, findings: &mut Vec<Finding>) -> Option<ProtocolFile> {
+    let mut found = Vec::new();
+    let file = Document::parse(source, &mut found).and_then(|document| {
+        let read = document.read(|spec: &Spec, problems| spec.check(problems), &mut found);
+        read.map(|(spec, ())| ProtocolFile { spec: Arc::new(spec), document })
+    });
+    found.sort_by_key(Finding::line);
+    findings.extend(found);
+    file
 }

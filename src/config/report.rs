@@ -25,7 +25,7 @@ pub struct Finding {
 pub const COMMAND_LINE: &str = "command line";
 
 /// All findings of one load; nothing was opened, nothing moved.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, thiserror::Error)]
 pub struct ConfigError {
     /// In order of files, then of discovery.
     pub findings: Vec<Finding>,

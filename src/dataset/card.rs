@@ -32,7 +32,8 @@ pub fn card(provenance: &Provenance, pairs: &BTreeMap<String, usize>) -> String 
     }
     text.push_str(
         "\n```python\nfrom datasets import load_dataset\nds = load_dataset(\"imagefolder\", data_dir=\".\")\n\
-         # columns real, sim (8-bit RGB) and depth (float32, mm, negative when pressed)\n```\n\n\
+         # columns real, sim (8-bit RGB), depth (float32, mm, negative when pressed)\n\
+         # and contact_mask (8-bit grey, 255 where the indenter touches)\n```\n\n\
          Frame: origin at the centre of the undeformed contact face; x right, y down, z out of the pad towards the indenter, \
          as seen in the camera's upright image. Lengths in mm, forces in N, angles in degrees.\n\n\
          The truth is in `journal/`; `data/*/metadata.parquet` is rebuilt from it. `dataset.json` holds the rig, plan and sensor files \

@@ -118,24 +118,25 @@ fn present<T, U>(values: &[Option<T>], convert: impl Fn(&T) -> U) -> (Vec<U>, Ve
     (values.iter().flatten().map(convert).collect(), levels)
 }
 
-/// Reads two columns of a table back: text by integer key, for verification.
+/// Reads columns of a table back: texts by integer key, for verification.
 pub fn read_text_by_key(
     bytes: Vec<u8>,
     key: &str,
-    text: &str,
-) -> Result<BTreeMap<i64, Option<String>>, String> {
+    texts: &[&str],
+) -> Result<BTreeMap<i64, Vec<Option<String>>>, String> {
     let reader = SerializedFileReader::new(bytes::Bytes::from(bytes)).map_err(|e| e.to_string())?;
     let schema = reader.metadata().file_metadata().schema_descr();
     let position = |name: &str| {
         let found = schema.columns().iter().position(|c| c.name() == name);
         found.ok_or_else(|| format!("no column {name}"))
     };
-    let (key_at, text_at) = (position(key)?, position(text)?);
+    let key_at = position(key)?;
+    let texts_at = texts.iter().map(|text| position(text)).collect::<Result<Vec<_>, _>>()?;
     let mut found = BTreeMap::new();
     for row in reader.get_row_iter(None).map_err(|e| e.to_string())? {
         let row = row.map_err(|e| e.to_string())?;
-        let value = row.get_string(text_at).ok().cloned();
-        found.insert(row.get_long(key_at).map_err(|e| e.to_string())?, value);
+        let values = texts_at.iter().map(|at| row.get_string(*at).ok().cloned()).collect();
+        found.insert(row.get_long(key_at).map_err(|e| e.to_string())?, values);
     }
     Ok(found)
 }
@@ -153,8 +154,8 @@ mod tests {
         table.boolean("b", [Some(true), None]);
         let bytes = table.to_parquet().expect("writes");
         assert_eq!(bytes, table.to_parquet().expect("writes again"), "deterministic");
-        let back = read_text_by_key(bytes, "capture", "real_file_name").expect("reads");
-        assert_eq!(back[&0].as_deref(), Some("real/000000.png"));
-        assert_eq!(back[&7], None);
+        let back = read_text_by_key(bytes, "capture", &["real_file_name"]).expect("reads");
+        assert_eq!(back[&0], [Some("real/000000.png".to_owned())]);
+        assert_eq!(back[&7], [None]);
     }
 }

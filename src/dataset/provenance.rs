@@ -4,7 +4,7 @@ use super::Error;
 use serde::{Deserialize, Serialize};
 
 /// Version of the layout on disk.
-pub const SCHEMA: &str = "1.0.0";
+pub const SCHEMA: &str = "1.1.0";
 
 /// The content of `dataset.json`, written once.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

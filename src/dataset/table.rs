@@ -1,6 +1,7 @@
 //! The columns of `metadata.parquet`: one row per pair.
 //!
-//! Columns that end in `_file_name` become image features (`real`, `sim`, `depth`) when the folder is
+//! Columns that end in `_file_name` become image features (`real`, `sim`, `depth`,
+//! `contact_mask`) when the folder is
 //! loaded as a Hugging Face `imagefolder`; paths are relative to the table's own folder.
 
 use super::columns::Table;
@@ -17,13 +18,15 @@ pub fn pairs(dataset: &Dataset, split: &str, rows: &[&Row], metrics: &BTreeMap<u
     let prefix = format!("data/{split}/");
     let file = |path: Option<&str>| path.map(|p| p.strip_prefix(&prefix).unwrap_or(p).to_owned());
     let real_file = |r: &Row| file(r.real.as_ref().map(|l| l.files[0].path.as_str()));
-    let sim_file = |r: &Row, i: usize| file(r.sim.as_ref().map(|l| l.files[i].path.as_str()));
+    let sim_file =
+        |r: &Row, i: usize| file(r.sim.as_ref().and_then(|l| l.files.get(i)).map(|f| f.path.as_str()));
 
     let mut t = Table::new();
     // Files, identity.
     t.text("real_file_name", rows.iter().map(|r| real_file(r)));
     t.text("sim_file_name", rows.iter().map(|r| sim_file(r, 0)));
     t.text("depth_file_name", rows.iter().map(|r| sim_file(r, 1)));
+    t.text("contact_mask_file_name", rows.iter().map(|r| sim_file(r, 2)));
     t.integer("capture", rows.iter().map(|r| Some(i64::from(r.capture))));
     t.text("pair_id", rows.iter().map(|r| Some(pair_id(&provenance.trajectory_hash, r.capture))));
     t.integer("episode_id", rows.iter().map(|r| Some(i64::from(mark(r).episode))));
@@ -127,6 +130,10 @@ pub fn pairs(dataset: &Dataset, split: &str, rows: &[&Row], metrics: &BTreeMap<u
     t.text("real_blake3", rows.iter().map(|r| r.real.as_ref().map(|l| l.files[0].blake3.clone())));
     t.text("sim_blake3", rows.iter().map(|r| r.sim.as_ref().map(|l| l.files[0].blake3.clone())));
     t.text("depth_blake3", rows.iter().map(|r| r.sim.as_ref().map(|l| l.files[1].blake3.clone())));
+    t.text(
+        "contact_mask_blake3",
+        rows.iter().map(|r| r.sim.as_ref().and_then(|l| l.files.get(2)).map(|f| f.blake3.clone())),
+    );
     t
 }
 

@@ -1,9 +1,9 @@
 //! Verification: every sum, every pair, every table.
 
 use super::columns::read_text_by_key;
-use super::{Dataset, Error, StoredFile};
+use super::{Dataset, Error, MANIFEST, StoredFile};
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// One thing that is not as it should be.
@@ -70,16 +70,40 @@ pub fn verify(root: &Path) -> Result<Verification, Error> {
         ));
     }
 
+    // What describes the rows is as it was when they were last written down.
+    let in_journals: BTreeSet<&str> = stored.iter().map(|f| f.path.as_str()).collect();
+    let manifest = std::fs::read_to_string(root.join(MANIFEST)).unwrap_or_default();
+    for (written, path) in manifest.lines().filter_map(|line| line.split_once("  ")) {
+        if in_journals.contains(path) || path.ends_with(".parquet") {
+            continue;
+        }
+        files += 1;
+        match std::fs::read(root.join(path)) {
+            Err(e) => findings.push(finding(path, format!("cannot be read ({e}); restore it from a backup"))),
+            Ok(bytes) if sum(&bytes) != written => {
+                let why = "differs from the sum in MANIFEST.blake3; restore it from a backup, or run twinrig report if it was changed on purpose";
+                findings.push(finding(path, why.into()));
+            }
+            Ok(_) => {}
+        }
+    }
+    if !rows.is_empty() && manifest.is_empty() {
+        findings.push(finding(MANIFEST, "is missing; twinrig report writes it".into()));
+    }
+
     // The tables say what the journals say.
-    let mut by_split: BTreeMap<&str, BTreeMap<i64, Option<String>>> = BTreeMap::new();
+    let mut by_split: BTreeMap<&str, BTreeMap<i64, Vec<Option<String>>>> = BTreeMap::new();
     for row in &rows {
-        let sum = row.real.as_ref().map(|l| l.files[0].blake3.clone());
-        by_split.entry(dataset.split_of(row.capture)).or_default().insert(i64::from(row.capture), sum);
+        let real = row.real.as_ref().map(|l| l.files[0].blake3.clone());
+        let sim = |i: usize| row.sim.as_ref().and_then(|l| l.files.get(i)).map(|f| f.blake3.clone());
+        let sums = vec![real, sim(0), sim(1), sim(2)];
+        by_split.entry(dataset.split_of(row.capture)).or_default().insert(i64::from(row.capture), sums);
     }
     for (split, expected) in by_split {
         let path = format!("data/{split}/metadata.parquet");
         let table = std::fs::read(root.join(&path)).map_err(|e| e.to_string());
-        match table.and_then(|bytes| read_text_by_key(bytes, "capture", "real_blake3")) {
+        let columns = ["real_blake3", "sim_blake3", "depth_blake3", "contact_mask_blake3"];
+        match table.and_then(|bytes| read_text_by_key(bytes, "capture", &columns)) {
             Err(why) => {
                 findings.push(finding(&path, format!("cannot be read ({why}); twinrig report rebuilds it")))
             }

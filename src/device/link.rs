@@ -9,10 +9,13 @@
 //! both sides makes sure that no command follows the stop's bytes: the task looks at the stop flag
 //! under the same lock under which it writes.
 
-use super::byte_log::{ByteLog, Direction};
+mod outgoing;
+
+use super::byte_log::{ByteLog, Direction, Input};
 use crate::clock::{Clock, Timestamp};
 use crate::protocol::{Engine, Event, Failure, Outcome, Reading, Request, StopKind, Ticket};
-use std::collections::{HashMap, VecDeque};
+pub(crate) use outgoing::Outgoing;
+use std::collections::HashMap;
 use std::future::poll_fn;
 use std::io;
 use std::pin::Pin;
@@ -22,6 +25,9 @@ use std::task::Poll;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::sync::{Notify, mpsc, oneshot, watch};
+
+/// In the order of their urgency; a stop's place here is one less than its level.
+const STOP_KINDS: [StopKind; 3] = [StopKind::Controlled, StopKind::Homing, StopKind::Emergency];
 
 /// A second door to a port, for bytes that must not wait.
 pub trait UrgentWrite: Send + Sync {
@@ -71,9 +77,11 @@ struct Shared {
     wanted: AtomicU8,
     written: AtomicBool,
     latched: AtomicBool,
+    /// References are being searched for.
+    homing: AtomicBool,
     stops: AtomicU64,
     notify: Notify,
-    bytes: [Vec<u8>; 2],
+    bytes: [Vec<u8>; 3],
 }
 
 /// Under this lock bytes are written.
@@ -101,10 +109,8 @@ impl StopHandle {
     /// otherwise the link's task writes them next.
     pub fn stop(&self, kind: StopKind) -> bool {
         let shared = &self.shared;
-        let (level, bytes) = match kind {
-            StopKind::Controlled => (1, &shared.bytes[0]),
-            StopKind::Emergency => (2, &shared.bytes[1]),
-        };
+        let kind = if shared.homing.load(Ordering::SeqCst) { kind.max(StopKind::Homing) } else { kind };
+        let (level, bytes) = (kind as u8 + 1, &shared.bytes[kind as usize]);
         let gate = shared.gate.lock().unwrap_or_else(PoisonError::into_inner);
         shared.latched.store(true, Ordering::SeqCst);
         shared.wanted.fetch_max(level, Ordering::SeqCst);
@@ -142,13 +148,15 @@ impl Link {
             wanted: AtomicU8::new(0),
             written: AtomicBool::new(false),
             latched: AtomicBool::new(false),
+            homing: AtomicBool::new(false),
             stops: AtomicU64::new(0),
             notify: Notify::new(),
-            bytes: [engine.stop_bytes(StopKind::Controlled), engine.stop_bytes(StopKind::Emergency)],
+            bytes: STOP_KINDS.map(|kind| engine.stop_bytes(kind)),
         });
         let (calls, incoming) = mpsc::unbounded_channel();
         let (sender, telemetry) = watch::channel(Telemetry::default());
         let stop = StopHandle { shared: shared.clone() };
+        let pending = Outgoing::new(engine.spec().clone());
         let task = LinkTask {
             engine,
             clock,
@@ -157,8 +165,7 @@ impl Link {
             telemetry: sender,
             log: options.log,
             waiting: HashMap::new(),
-            pending: VecDeque::new(),
-            offset: 0,
+            pending,
             stops_seen: (0, 0),
             stop_tickets: Vec::new(),
             known: Telemetry::default(),
@@ -173,6 +180,11 @@ impl Link {
         let gone = || Failure::LinkLost(self.telemetry.borrow().ended.clone().unwrap_or_default());
         self.calls.send(Call::Request(request, done)).map_err(|_| gone())?;
         ended.await.unwrap_or_else(|_| Err(gone()))
+    }
+
+    /// Says whether references are being searched for; a stop is then one that ends the search.
+    pub fn set_homing(&self, homing: bool) {
+        self.stop.shared.homing.store(homing, Ordering::SeqCst);
     }
 
     /// From now on an unexpected banner means a restart.
@@ -221,9 +233,7 @@ struct LinkTask {
     telemetry: watch::Sender<Telemetry>,
     log: Option<ByteLog>,
     waiting: HashMap<Ticket, oneshot::Sender<Outcome>>,
-    /// Bytes to write; `offset` of the first chunk is written.
-    pending: VecDeque<Vec<u8>>,
-    offset: usize,
+    pending: Outgoing,
     stops_seen: (u64, u64),
     stop_tickets: Vec<Ticket>,
     known: Telemetry,
@@ -242,7 +252,7 @@ impl LinkTask {
             tokio::select! {
                 biased;
                 () = shared.notify.notified() => {}
-                result = write_some(&shared, &mut writer, &self.pending, self.offset), if writes => match result {
+                result = write_some(&shared, &mut writer, &self.pending), if writes => match result {
                     Ok(Some(n)) => self.wrote(n),
                     Ok(None) => {}
                     Err(e) => break format!("writing failed: {e}"),
@@ -260,10 +270,11 @@ impl LinkTask {
                         return;
                     }
                 },
-                () = self.clock.sleep_until(wake) => {}
+                () = self.clock.sleep_until(wake) => self.note_down(Input::Wake),
             }
         };
         self.close_door();
+        self.note_down(Input::Lost(ended.clone()));
         self.engine.link_lost(&ended);
         self.known.ended = Some(ended);
         self.turn();
@@ -275,12 +286,8 @@ impl LinkTask {
         let now = self.clock.now();
         self.take_stop(now);
         let output = self.engine.poll(now);
-        if !output.urgent.is_empty() {
-            self.put_first(output.urgent);
-        }
-        if !output.bytes.is_empty() {
-            self.pending.push_back(output.bytes);
-        }
+        self.pending.push_urgent(output.urgent);
+        self.pending.push(output.bytes);
         let mut answers = Vec::new();
         for event in output.events {
             answers.extend(self.on_event(event, now));
@@ -302,64 +309,29 @@ impl LinkTask {
             let written = self.shared.written.swap(false, Ordering::SeqCst);
             (level, written, self.shared.stops.load(Ordering::SeqCst))
         };
-        let kind = match level {
-            0 => return,
-            1 => StopKind::Controlled,
-            _ => StopKind::Emergency,
+        let Some(kind) = usize::from(level).checked_sub(1).and_then(|at| STOP_KINDS.get(at)).copied() else {
+            return;
         };
-        // What has begun is completed, lest a line cut short mean something else.
-        let rest = self.rest_of_unit();
-        self.pending.clear();
-        self.offset = 0;
-        self.pending.extend(rest);
+        self.pending.drop_unbegun();
+        self.note_down(Input::Stop { kind, written });
         self.stops_seen.0 = calls;
         let ticket = self.engine.urgent(kind, written, now);
         self.stop_tickets.push(ticket);
         if written {
-            let bytes = self.shared.bytes[usize::from(level.min(2)) - 1].clone();
+            let bytes = self.shared.bytes[kind as usize].clone();
             self.write_down(now, Direction::Stop, &bytes);
         }
         while let Ok(call) = self.calls.try_recv() {
             match call {
                 Call::Request(_, done) => drop(done.send(Err(Failure::Stopped))),
-                Call::Live => self.engine.set_live(),
+                Call::Live => self.set_live(),
             }
         }
     }
 
-    /// The unwritten rest of a line or frame that has begun.
-    fn rest_of_unit(&self) -> Option<Vec<u8>> {
-        let first = self.pending.front().filter(|_| self.offset > 0)?;
-        let rest = &first[self.offset..];
-        Some(rest[..unit_end(&self.engine, rest)].to_vec())
-    }
-
-    /// Puts urgent bytes before all others, but not inside a unit that has begun.
-    fn put_first(&mut self, urgent: Vec<u8>) {
-        let Some(rest) = self.rest_of_unit() else {
-            self.pending.push_front(urgent);
-            return;
-        };
-        let first = self.pending.pop_front().expect("a unit has begun");
-        let behind = first[self.offset + rest.len()..].to_vec();
-        if !behind.is_empty() {
-            self.pending.push_front(behind);
-        }
-        self.pending.push_front(urgent);
-        // The written part stays in front of the rest, so that `offset` keeps its meaning.
-        self.pending.push_front(first[..self.offset + rest.len()].to_vec());
-    }
-
     fn wrote(&mut self, n: usize) {
-        let now = self.clock.now();
-        let Some(first) = self.pending.front() else { return };
-        let bytes = first[self.offset..self.offset + n].to_vec();
-        self.offset += n;
-        if self.offset == first.len() {
-            self.pending.pop_front();
-            self.offset = 0;
-        }
-        self.write_down(now, Direction::Sent, &bytes);
+        let bytes = self.pending.wrote(n);
+        self.write_down(self.clock.now(), Direction::Sent, &bytes);
     }
 
     fn received(&mut self, bytes: &[u8]) {
@@ -369,18 +341,34 @@ impl LinkTask {
     }
 
     fn write_down(&mut self, at: Timestamp, direction: Direction, bytes: &[u8]) {
+        self.in_log(|log| log.bytes(at, direction, bytes));
+    }
+
+    /// Writes down what the engine is told beside bytes, now.
+    fn note_down(&mut self, input: Input) {
+        let at = self.clock.now();
+        self.in_log(|log| log.input(at, &input));
+    }
+
+    fn in_log(&mut self, write: impl FnOnce(&mut ByteLog) -> io::Result<()>) {
         if let Some(log) = &mut self.log
-            && let Err(e) = log.bytes(at, direction, bytes)
+            && let Err(e) = write(log)
         {
             tracing::warn!("the byte log cannot be written and ends here: {e}");
             self.log = None;
         }
     }
 
+    fn set_live(&mut self) {
+        self.note_down(Input::Live);
+        self.engine.set_live();
+    }
+
     fn call(&mut self, call: Call) {
         match call {
-            Call::Live => self.engine.set_live(),
+            Call::Live => self.set_live(),
             Call::Request(request, done) => {
+                self.note_down(Input::Request(request.clone()));
                 let ticket = self.engine.submit(request);
                 self.waiting.insert(ticket, done);
             }
@@ -391,6 +379,7 @@ impl LinkTask {
     fn on_event(&mut self, event: Event, now: Timestamp) -> Option<(oneshot::Sender<Outcome>, Outcome)> {
         match event {
             Event::Finished(ticket, outcome) => {
+                self.in_log(|log| log.outcome(now, ticket, &outcome));
                 if let Some(at) = self.stop_tickets.iter().position(|t| *t == ticket) {
                     self.stop_tickets.remove(at);
                     // A second stop ends the first one's steps; only the last one's end counts.
@@ -405,22 +394,27 @@ impl LinkTask {
                     return Some((done, outcome));
                 }
             }
-            Event::TrustLost(reason) => self.lost(reason),
+            Event::TrustLost(reason) => {
+                self.in_log(|log| log.remark(now, &format!("trust lost: {reason}")));
+                self.lost(reason);
+            }
             Event::Banner { text, expected } => {
                 if !expected {
                     tracing::warn!("the device restarted by itself: {text}");
                 }
             }
-            Event::Alarm { code, text } => tracing::warn!("alarm {code}: {text}"),
-            Event::Flag { code, text } => tracing::warn!("the device reports {code}: {text}"),
+            Event::Alarm { code, text } => {
+                self.in_log(|log| log.remark(now, &format!("alarm {code}: {text}")));
+                tracing::warn!("alarm {code}: {text}");
+            }
+            Event::Flag { code, text } => {
+                self.in_log(|log| log.remark(now, &format!("flag {code}: {text}")));
+                tracing::warn!("the device reports {code}: {text}");
+            }
             Event::Note(text) => {
                 self.known.notes += 1;
                 tracing::debug!("{text}");
-                if let Some(log) = &mut self.log
-                    && log.remark(now, &text).is_err()
-                {
-                    self.log = None;
-                }
+                self.in_log(|log| log.remark(now, &text));
             }
         }
         None
@@ -444,8 +438,10 @@ impl LinkTask {
         let moving = self.engine.is_busy()
             || !matches!(self.engine.state(), None | Some(crate::protocol::spec::MotionState::Idle));
         if moving && !self.shared.latched.load(Ordering::SeqCst) {
-            let mut bytes = self.rest_of_unit().unwrap_or_default();
-            bytes.extend(&self.shared.bytes[0]);
+            let mut bytes = self.pending.rest_of_unit().unwrap_or_default();
+            let homing = self.shared.homing.load(Ordering::SeqCst);
+            let kind = if homing { StopKind::Homing } else { StopKind::Controlled };
+            bytes.extend(&self.shared.bytes[kind as usize]);
             // Nobody is left to tell when the port does not take them.
             let _ = tokio::time::timeout(Duration::from_millis(200), writer.write_all(&bytes)).await;
             self.write_down(self.clock.now(), Direction::Stop, &bytes);
@@ -467,24 +463,11 @@ impl LinkTask {
     }
 }
 
-/// Bytes up to the end of the unit that `rest` is the rest of.
-fn unit_end(engine: &Engine, rest: &[u8]) -> usize {
-    match &engine.spec().line {
-        Some(line) => {
-            let eol = line.tx_eol.0.as_slice();
-            let end = rest.windows(eol.len().max(1)).position(|w| w == eol);
-            end.map_or(rest.len(), |at| at + eol.len())
-        }
-        None => rest.len(),
-    }
-}
-
 /// Writes some of the first chunk; `None` when a stop was called meanwhile.
 async fn write_some<W: AsyncWrite + Unpin>(
     shared: &Shared,
     writer: &mut W,
-    pending: &VecDeque<Vec<u8>>,
-    offset: usize,
+    pending: &Outgoing,
 ) -> io::Result<Option<usize>> {
     let Some(chunk) = pending.front() else { return Ok(None) };
     poll_fn(|context| {
@@ -492,10 +475,10 @@ async fn write_some<W: AsyncWrite + Unpin>(
         if shared.wanted.load(Ordering::SeqCst) != 0 {
             return Poll::Ready(Ok(None));
         }
-        match Pin::new(&mut *writer).poll_write(context, &chunk[offset..]) {
+        match Pin::new(&mut *writer).poll_write(context, chunk) {
             Poll::Ready(Ok(0)) => Poll::Ready(Err(io::ErrorKind::WriteZero.into())),
             Poll::Ready(Ok(n)) => {
-                gate.inside_unit = offset + n < chunk.len();
+                gate.inside_unit = n < chunk.len();
                 Poll::Ready(Ok(Some(n)))
             }
             Poll::Ready(Err(e)) => Poll::Ready(Err(e)),

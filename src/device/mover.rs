@@ -22,6 +22,7 @@ mod observer;
 mod tests;
 mod travel;
 
+use super::byte_log::{Header, LOG_VERSION};
 use super::link::{Link, LinkOptions, StopHandle};
 use super::settings::{AxisSettings, MoverSettings};
 use crate::clock::{Clock, Part, Timestamp, spent};
@@ -106,7 +107,17 @@ impl Mover {
     where
         S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
     {
-        let engine = engine_for(&spec, &settings, clock.speed().max(1.0))?;
+        let patience = clock.speed().max(1.0);
+        let engine = engine_for(&spec, &settings, patience)?;
+        let mut options = options;
+        if let Some(log) = &mut options.log {
+            let (protocol, axes) = (settings.protocol.clone(), wires(&settings));
+            let header = Header { twinrig_log: LOG_VERSION, protocol, axes, patience, continued: false };
+            if let Err(e) = log.header(clock.now(), header) {
+                tracing::warn!("the byte log cannot be written: {e}");
+                options.log = None;
+            }
+        }
         let names = settings.axes.keys().cloned().collect();
         let link = Link::start(stream, engine, clock, options);
         let mut mover = Mover {
@@ -221,9 +232,11 @@ impl Mover {
         self.end_of_stop().await?;
         self.homed.begin();
         self.resting = None;
+        self.link.set_homing(true);
         let begun = self.clock.now();
         let result = self.search_reference().await;
         spent(Part::Motion, self.clock.now().since(begun));
+        self.link.set_homing(false);
         let losses = self.link.telemetry().trust_losses;
         self.homed.end(result.is_ok().then_some(losses));
         result
@@ -275,6 +288,11 @@ impl Mover {
         Ok(all)
     }
 
+    /// Largest accepted difference between where an axis was sent and where it is, in its unit.
+    pub fn tolerance(&self, axis: &str) -> Option<f64> {
+        self.settings.axes.get(axis).map(|settings| settings.tolerance)
+    }
+
     /// The handle that stops this device at once, from any thread.
     pub fn stop_handle(&self) -> StopHandle {
         self.link.stop_handle()
@@ -320,12 +338,17 @@ impl Mover {
 
 /// An engine for a device of the rig file; refuses axes that the protocol cannot name.
 fn engine_for(spec: &Arc<Spec>, settings: &MoverSettings, patience: f64) -> Result<Engine, MoverError> {
-    let axes = settings.axes.iter().map(|(name, axis)| AxisWire {
+    Ok(Engine::new(spec.clone(), wires(settings), patience)?)
+}
+
+fn wires(settings: &MoverSettings) -> Vec<AxisWire> {
+    let wire = |(name, axis): (&String, &AxisSettings)| AxisWire {
         name: name.clone(),
         wire: axis.wire.clone(),
         counts_per_unit: axis.counts_per_unit,
-    });
-    Ok(Engine::new(spec.clone(), axes.collect(), patience)?)
+        accel: Some(axis.accel),
+    };
+    settings.axes.iter().map(wire).collect()
 }
 
 /// Whether a protocol can serve a device of the rig file, without opening anything.

@@ -311,7 +311,7 @@ pub async fn connect(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::device::byte_log::read_record;
+    use crate::device::byte_log::Record;
     use crate::device::settings::AxisSettings;
     use crate::device::virtual_bench::serve::{pty::pty, serve};
     use crate::device::virtual_bench::{Emulator, EmulatorOptions, Faulty, World};
@@ -417,7 +417,10 @@ mod tests {
         drop(mover);
         served.abort();
         let text = std::fs::read_to_string(&log).unwrap();
-        let records: Vec<_> = text.lines().map(|l| read_record(l).unwrap()).collect();
-        assert!(records.iter().any(|r| r.sign == '!' && r.bytes == b"\x85!"), "{text}");
+        let records: Vec<_> = text.lines().map(|l| Record::read(l).unwrap()).collect();
+        assert!(records.iter().any(|r| r.sign == '!' && r.bytes().unwrap() == b"\x85!"), "{text}");
+        // Also what a second thread did to the port is lived through again.
+        let story = crate::device::replay::replay(&text, &shipped("grbl")).unwrap();
+        assert_eq!(story.difference, None, "{text}");
     }
 }

@@ -74,6 +74,16 @@ impl Coordinate {
         }
     }
 
+    /// Its place in a pose.
+    pub fn of_mut(self, pose: &mut Pose) -> &mut f64 {
+        match self {
+            Coordinate::X => &mut pose.x_mm,
+            Coordinate::Y => &mut pose.y_mm,
+            Coordinate::Z => &mut pose.z_mm,
+            Coordinate::Theta => &mut pose.theta_deg,
+        }
+    }
+
     /// Its name as files write it.
     pub fn name(self) -> &'static str {
         match self {

@@ -1,43 +1,53 @@
 //! The fast renderer: what changes with the pad, on top of what a sensor needs once.
 //!
-//! For a diffuse pad under rectangular lights the light that arrives splits into parts that are each cheap:
-//! 1. *Direct light* is a vector irradiance dotted with the normal ([`vector`]), a smooth field that is tabulated once
-//!    ([`tables`]). Only where the pad hides part of a light, or a light dips below the surface's own horizon, is it
-//!    worked out anew: strips of the light clipped at the pad's horizon ([`horizon`]), in closed form, without noise.
+//! For a diffuse pad the light that arrives splits into parts that are each cheap:
+//! 1. *Direct light* is a vector irradiance dotted with the normal ([`vector`]), a smooth field over space
+//!    ([`tables`]). Where the pad hides part of a light, or a light dips below the surface's own horizon, what is below
+//!    the cut is taken off: ribbons ([`source`]) cut at the pad's horizon ([`horizon`]), in closed form, without noise.
 //! 2. *Indirect light* comes from walls and pad of the untouched sensor, solved once ([`radiosity`] over [`world`]) and
 //!    kept as irradiance over place and normal ([`probes`]). What the press itself changes in it is left out: second order.
-//! 3. *What a pixel sees* is found by drawing the pad's lattice ([`raster`]), a few samples a pixel, over the
-//!    fixed parts of the sensor, which are traced once.
+//! 3. *What a pixel sees* is found by drawing the pad's lattice ([`raster`]) over the corners of pixels; fields and
+//!    horizons are worked out at nodes a few pixels apart and interpolated ([`frame`], [`shade`]).
 //!
 //! There are no random numbers in a frame, so no noise and no fireflies; a picture depends on scene and tolerance alone.
-//! Where this does not apply (glossy coatings, lights of other shapes, lenses, plates) it refuses: the reference mode
-//! renders all of them.
+//! Where this does not apply (glossy coatings, mesh lights, lenses, plates) it refuses: the reference mode renders all
+//! of them.
 
+mod frame;
 mod grid;
 mod horizon;
+mod lanes;
+mod plate;
 mod probes;
 mod radiosity;
 mod raster;
 mod shade;
+mod slots;
+mod source;
 mod tables;
-mod vector;
+pub(super) mod vector;
+mod view;
 mod world;
 
 use super::reference::Sight;
-use super::{Albedo, Camera, Error, Film, LightShape, Material, Mesh, Role, Scene, emitter::Emitter, to_pad};
+use super::{Albedo, Error, Film, Material, Mesh, Role, Scene, to_pad};
+use frame::{Effort, Frame};
 use glam::{Vec2, Vec3};
 use grid::{Grid, Layout};
-use horizon::{Heights, Panel};
+use horizon::Heights;
+use plate::Slab;
 use radiosity::Radiosity;
-use raster::{Projected, Sample};
+use raster::Projected;
 use rayon::prelude::*;
-use shade::Shading;
+use slots::Slots;
+use source::{Lamp, Source};
 use std::f32::consts::FRAC_1_PI;
 use std::sync::Arc;
+use view::View;
 use world::World;
 
 /// Grid of the direct tables: across and upwards, mm.
-const DIRECT_STEP_MM: f32 = 0.25;
+const DIRECT_STEP_MM: f32 = 0.5;
 /// Heights above the untouched face that are tabulated, mm.
 const DIRECT_LIFT_MM: [f32; 2] = [-0.75, 3.0];
 /// Grid of the probes, mm.
@@ -48,23 +58,41 @@ const PROBE_LIFT_STEP_MM: f32 = 0.5;
 const RIM_MM: f32 = 0.05;
 /// Points this far below the untouched face are under it, mm.
 const BURIED_MM: f32 = 0.02;
-/// Samples along a pixel's edge of what is fixed.
-const FIXED_GRAIN: usize = 2;
+/// Most points along an edge of the pad in the world that light is solved in: the untouched face is smooth.
+const WORLD_POINTS: usize = 81;
 
 /// What a sensor needs once, from its untouched scene.
 #[derive(Debug, Clone)]
 pub struct Precomputed {
     /// The scene without its pad's mesh.
     fixed_scene: Scene,
-    camera: Camera,
-    panels: Vec<Panel>,
+    view: View,
+    sources: Vec<Source>,
     radiances: Vec<Vec3>,
-    direct: Vec<Grid<{ tables::NUMBERS }>>,
-    probes: Grid<{ probes::NUMBERS }>,
-    /// Fixed parts that samples show: inverse depth and radiance; None where no sample shows any.
-    fixed: Option<Vec<(f32, Vec3)>>,
-    /// This close to a light's plane its table is not used, mm.
-    near_mm: f32,
+    tables: Tables,
+    /// Indirect light of all lights together.
+    total: Grid<{ probes::NUMBERS }>,
+    /// What of the fixed parts shows, of all lights together, by corner.
+    fixed_total: Vec<Vec3>,
+    /// What a plate mirrors into each pixel, and the part of the pad's light that it lets through; empty without one.
+    veil_total: Vec<Vec3>,
+    transmitted: Vec<f32>,
+    /// Extent of a pixel on the untouched face, mm.
+    pixel_mm: f32,
+}
+
+/// What takes long to work out. All of it is for lights of radiance 1.
+#[derive(Debug, Clone, PartialEq)]
+struct Tables {
+    /// By light, where it has no closed form.
+    direct: Vec<Option<Grid<3>>>,
+    /// By light.
+    probes: Vec<Grid<{ probes::NUMBERS }>>,
+    /// Fixed parts that corners of pixels see: inverse depth, and radiance by light; empty where none sees any.
+    fixed: Vec<f32>,
+    fixed_lights: Vec<Vec<Vec3>>,
+    /// What a plate mirrors into each pixel, by light; empty without one.
+    veils: Vec<Vec<Vec3>>,
 }
 
 impl Precomputed {
@@ -78,18 +106,13 @@ impl Precomputed {
         if untouched.camera.lens.is_some() {
             return Err(unsupported("camera.aperture_radius_mm", "above 0", "only pinhole cameras"));
         }
-        for light in &untouched.lights {
-            if !world::closed_form(light) {
-                let what = "only one-sided rectangular lights without an angular profile";
-                return Err(unsupported("lights", &light.name, what));
-            }
+        let sources = sources_of(untouched)?;
+        if sources.is_empty() {
+            return Err(unsupported("lights", "none", "scenes with a light"));
         }
-        let world = World::new(untouched, true)?;
-        let emitters: Vec<Emitter> = untouched.lights.iter().map(Emitter::new).collect();
-        let lit: Vec<&super::Light> =
-            untouched.lights.iter().filter(|l| l.radiance != Vec3::ZERO && l.albedo.is_finite()).collect();
-        let panels: Vec<Panel> = lit.iter().filter_map(|l| panel(&l.shape)).collect();
-        let radiances = lit.iter().map(|l| l.radiance).collect();
+        let slab = Slab::of(untouched)?;
+        let world = World::new(&coarse(untouched)?, true)?;
+        let lamps: Vec<Lamp> = untouched.lights.iter().filter_map(Lamp::new).collect();
 
         let lattice = lattice_of(&pad.mesh)?;
         let heights = Heights::new(&pad.mesh.positions, lattice, 0.25);
@@ -113,27 +136,87 @@ impl Precomputed {
             lift_step_mm: PROBE_LIFT_STEP_MM,
         };
         // What arrives at the pad indirectly was scattered at least once, and at the pad once more.
-        let events = untouched.max_events.saturating_sub(1);
+        // (Through a plate about every second event is one of its faces.)
+        let events = match slab {
+            Some(_) => (untouched.max_events / 2).saturating_sub(1).max(1),
+            None => untouched.max_events.saturating_sub(1),
+        };
         let buried = |p: Vec3| p.z < heights.at(p.truncate()) - BURIED_MM;
-        let solved = Radiosity::new(&world, &emitters, events, buried);
-        Ok(Self {
-            fixed_scene: without_pad_mesh(untouched),
-            camera: untouched.camera.clone(),
-            direct: tables::direct(&panels, &direct_layout, rest),
+        let solved = Radiosity::new(&world, &lamps, events, buried);
+        let view = View::new(&untouched.camera, slab);
+        let (fixed, fixed_lights) = fixed_corners(untouched, &view, &world, &lamps, &solved)?;
+        let tables = Tables {
+            direct: tables::direct(&sources, slab.as_ref(), &direct_layout, rest),
             probes: probes::gather(&world, &solved, &probe_layout, rest),
-            fixed: fixed_samples(untouched, &world, &emitters, &solved)?,
-            panels,
-            radiances,
-            near_mm: 2.0 * DIRECT_STEP_MM,
-        })
+            fixed,
+            fixed_lights,
+            veils: slab.map_or_else(Vec::new, |slab| veils(&view, &slab, &world, &solved)),
+        };
+        Ok(Self::assemble(untouched, view, sources, tables))
     }
 
-    /// The fixed part that a sample of a pixel shows.
+    fn assemble(untouched: &Scene, view: View, sources: Vec<Source>, tables: Tables) -> Self {
+        let radiances: Vec<Vec3> = untouched.lights.iter().map(|l| l.radiance).collect();
+        let mut fixed_total = vec![Vec3::ZERO; tables.fixed.len()];
+        for (light, radiance) in tables.fixed_lights.iter().zip(&radiances) {
+            fixed_total.iter_mut().zip(light).for_each(|(sum, l)| *sum += *l * *radiance);
+        }
+        let pixels = untouched.camera.width * untouched.camera.height;
+        let mut veil_total = vec![Vec3::ZERO; if tables.veils.is_empty() { 0 } else { pixels }];
+        for (light, radiance) in tables.veils.iter().zip(&radiances) {
+            veil_total.iter_mut().zip(light).for_each(|(sum, l)| *sum += *l * *radiance);
+        }
+        let transmitted = view.slab.map_or_else(Vec::new, |slab| {
+            let width = view.camera.width;
+            let centre = |k: usize| Vec2::new((k % width) as f32 + 0.5, (k / width) as f32 + 0.5);
+            (0..pixels)
+                .map(|k| slab.transmitted(view.camera.ray(centre(k).x, centre(k).y, Vec2::ZERO).1))
+                .collect()
+        });
+        let camera = &untouched.camera;
+        let pixel_mm = 2.0 * camera.tan_half_x * camera.origin.z.abs() / camera.width as f32;
+        Self {
+            fixed_scene: without_pad_mesh(untouched),
+            total: probes::total(&tables.probes, &radiances),
+            view,
+            sources,
+            radiances,
+            tables,
+            fixed_total,
+            veil_total,
+            transmitted,
+            pixel_mm,
+        }
+    }
+
+    /// The value of the fixed part that a corner of a pixel sees.
     #[inline(always)]
-    fn fixed(&self, x: usize, y: usize, u: usize, v: usize, grain: usize) -> Option<(f32, Vec3)> {
-        let fixed = self.fixed.as_ref()?;
-        let (u, v) = (u * FIXED_GRAIN / grain, v * FIXED_GRAIN / grain);
-        Some(fixed[(y * FIXED_GRAIN + v) * self.camera.width * FIXED_GRAIN + x * FIXED_GRAIN + u])
+    fn fixed(&self, x: usize, y: usize) -> Option<f32> {
+        let [columns, _] = self.view.corners();
+        (!self.tables.fixed.is_empty()).then(|| self.tables.fixed[y * columns + x])
+    }
+
+    /// Its light in picture `film` of `films`.
+    fn fixed_light(&self, film: usize, films: usize, x: usize, y: usize) -> Vec3 {
+        let k = y * self.view.corners()[0] + x;
+        let lights = if films == 1 { &self.fixed_total } else { &self.tables.fixed_lights[film] };
+        lights.get(k).copied().unwrap_or(Vec3::ZERO)
+    }
+
+    /// Part of the pad's light that reaches pixel (x, y).
+    #[inline(always)]
+    fn transmitted(&self, x: usize, y: usize) -> f32 {
+        self.transmitted.get(y * self.view.camera.width + x).copied().unwrap_or(1.0)
+    }
+
+    /// Light that a plate mirrors into a pixel of picture `film` of `films`.
+    #[inline(always)]
+    fn veil(&self, film: usize, films: usize, x: usize, y: usize) -> Vec3 {
+        if self.veil_total.is_empty() {
+            return Vec3::ZERO;
+        }
+        let veil = if films == 1 { &self.veil_total } else { &self.tables.veils[film] };
+        veil[y * self.view.camera.width + x]
     }
 }
 
@@ -144,8 +227,7 @@ pub struct Renderer<'a> {
     lattice: [usize; 2],
     albedo: Albedo,
     heights: Heights,
-    doubts: Vec<bool>,
-    grain: usize,
+    effort: Effort,
 }
 
 impl<'a> Renderer<'a> {
@@ -162,7 +244,6 @@ impl<'a> Renderer<'a> {
             });
         }
         let pad = pad_of(scene)?;
-        pad.mesh.check(&pad.name)?;
         if !same_but_pad_mesh(scene, &once.fixed_scene) {
             return Err(Error::Setting {
                 key: "mode",
@@ -183,93 +264,97 @@ impl<'a> Renderer<'a> {
         }
         let lattice = lattice_of(&pad.mesh)?;
         let p = &pad.mesh.positions;
+        if !p.par_iter().with_min_len(65_536).all(|p| p.is_finite()) {
+            // The full check names the vertex.
+            pad.mesh.check(&pad.name)?;
+        }
         let spacing = (p[1] - p[0]).length().max((p[lattice[0]] - p[0]).length());
-        let heights = Heights::new(p, lattice, (2.0 * spacing).clamp(0.05, 0.2));
-        let doubts = heights.doubts(&once.panels);
         Ok(Self {
             once,
             mesh: pad.mesh.clone(),
             lattice,
             albedo: albedo.clone(),
-            heights,
-            doubts,
-            grain: if tolerance < 0.008 { 2 } else { 1 },
+            heights: Heights::new(p, lattice, (2.0 * spacing).clamp(0.05, 0.2)),
+            effort: Effort::for_tolerance(tolerance),
         })
     }
 
-    /// The vertices in a raster of `grain` samples along a pixel's edge, with their inverse depths.
-    fn projected(&self, grain: usize) -> Vec<Vec3> {
-        let camera = &self.once.camera;
-        let (width, height) = (camera.width * grain, camera.height * grain);
-        let scale = Vec2::new(width as f32, height as f32) * 0.5;
-        let tangents = Vec2::new(camera.tan_half_x, camera.tan_half_y());
-        self.mesh
-            .positions
-            .par_iter()
-            .with_min_len(4096)
-            .map(|p| {
-                let to = *p - camera.origin;
-                let depth = to.dot(camera.forward);
-                let mut q = Vec2::new(to.dot(camera.right), to.dot(camera.up)) / depth;
-                if let Some(d) = camera.distortion {
-                    q = d.distort(q);
-                }
-                if depth <= 0.0 {
-                    return Vec3::NAN;
-                }
-                let image = q / tangents;
-                (Vec2::new(1.0 + image.x, 1.0 - image.y) * scale).extend(1.0 / depth)
-            })
-            .collect()
+    /// The vertices in a raster of pixels.
+    fn projected(&self) -> Vec<Vec3> {
+        let positions = self.mesh.positions.par_iter().with_min_len(4096);
+        positions.map(|p| self.once.view.project(*p)).collect()
     }
 
     /// What the centre of each pixel sees of the pad's face, row 0 on top; None where something else is in the way.
     pub fn sights(&self) -> Vec<Option<Sight>> {
-        let camera = &self.once.camera;
-        let vertices = self.projected(1);
-        let drawn = Projected { lattice: self.lattice, vertices: &vertices };
-        let bands = drawn.bands(camera.width, camera.height, 8, |first, samples| {
-            let sight = |(k, sample): (usize, &Sample)| {
-                let (x, y) = (k % camera.width, first + k / camera.width);
-                // The fixed part at the sample nearest to the centre.
-                let hidden = self.once.fixed(x, y, 1, 1, FIXED_GRAIN).is_some_and(|f| f.0 > sample.value);
-                if sample.triangle == u32::MAX || hidden {
-                    return None;
-                }
-                let (origin, direction) = camera.ray(x as f32 + 0.5, y as f32 + 0.5, Vec2::ZERO);
-                let point = origin + direction / (sample.value * direction.dot(camera.forward));
-                let uv = shade::uv(&self.mesh, self.lattice[0], sample.triangle, point);
-                Some(Sight { point: to_pad(point), uv })
-            };
-            samples.iter().enumerate().map(sight).collect::<Vec<_>>()
-        });
-        bands.concat()
+        let view = &self.once.view;
+        let (width, height) = (view.camera.width, view.camera.height);
+        let vertices = self.projected();
+        let samples =
+            Projected { lattice: self.lattice, vertices: &vertices, offset: 0.5 }.draw(width, height);
+        let sight = |(k, sample): (usize, &raster::Sample)| {
+            let (x, y) = (k % width, k / width);
+            // The fixed part at the corner below and to the right.
+            let hidden = self.once.fixed(x + 1, y + 1).is_some_and(|value| value > sample.value);
+            if sample.triangle == u32::MAX || hidden {
+                return None;
+            }
+            let ray = view.ray(Vec2::new(x as f32 + 0.5, y as f32 + 0.5));
+            let point = View::point(ray, sample.value);
+            let uv = frame::uv(&self.mesh, self.lattice[0], sample.triangle, point);
+            Some(Sight { point: to_pad(point), uv })
+        };
+        samples.par_iter().with_min_len(4096).enumerate().map(sight).collect()
     }
 
     /// The picture.
     pub fn render(&self) -> Film {
-        let camera = &self.once.camera;
-        let grain = self.grain;
-        let (width, height) = (camera.width * grain, camera.height * grain);
-        let vertices = self.projected(grain);
-        let shading = Shading {
+        self.films(1).swap_remove(0)
+    }
+
+    /// One picture for each light of radiance 1, in the scene's order.
+    pub fn basis(&self) -> Vec<Film> {
+        match self.once.sources.len() {
+            // A single film would be taken for the picture.
+            1 => {
+                let radiance = self.once.radiances[0].max(Vec3::splat(1e-30));
+                let mut film = self.render();
+                film.pixels.iter_mut().for_each(|p| *p /= radiance);
+                vec![film]
+            }
+            n => self.films(n),
+        }
+    }
+
+    fn films(&self, films: usize) -> Vec<Film> {
+        let [columns, rows] = self.once.view.corners();
+        let vertices = self.projected();
+        let seen = Projected { lattice: self.lattice, vertices: &vertices, offset: 0.0 }.draw(columns, rows);
+        let varying = self.once.sources.iter().any(|s| !s.is_fixed());
+        let frame = Frame {
             once: self.once,
             mesh: &self.mesh,
             nx: self.lattice[0],
             albedo: &self.albedo,
             heights: &self.heights,
-            doubts: &self.doubts,
-            grain,
+            seen: &seen,
+            effort: self.effort,
+            slots: Slots::new(self.once.sources.len(), films, varying, self.once.view.slab.is_some()),
         };
-        let drawn = Projected { lattice: self.lattice, vertices: &vertices };
-        let bands = drawn.bands(width, height, 8 * grain, |first, samples| {
-            let mut out = Vec::with_capacity(samples.len() / (grain * grain));
-            for (y, rows) in samples.chunks_exact(width * grain).enumerate() {
-                out.extend((0..camera.width).map(|x| shading.pixel(x, first / grain + y, rows, width)));
-            }
-            out
-        });
-        Film { width: camera.width, height: camera.height, pixels: bands.concat() }
+        frame.render()
+    }
+}
+
+impl Effort {
+    /// What it takes (found by experiment on the scenes of the tests).
+    fn for_tolerance(tolerance: f64) -> Self {
+        if tolerance >= 0.009 {
+            Self { block_mm: 0.26, shadow_mm: 0.26, curved_mm: 0.04 }
+        } else if tolerance >= 0.004 {
+            Self { block_mm: 0.26, shadow_mm: 0.13, curved_mm: 0.02 }
+        } else {
+            Self { block_mm: 0.13, shadow_mm: 0.07, curved_mm: 0.01 }
+        }
     }
 }
 
@@ -325,10 +410,29 @@ fn lattice_of(mesh: &Mesh) -> Result<[usize; 2], Error> {
     }
 }
 
-fn panel(shape: &LightShape) -> Option<Panel> {
-    let LightShape::Rectangle { center, half_u, half_v } = shape else { return None };
-    let corner = |s: f32, t: f32| *center + *half_u * s + *half_v * t;
-    Some(Panel::new([corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)]))
+fn sources_of(scene: &Scene) -> Result<Vec<Source>, Error> {
+    let source = |light: &super::Light| {
+        Source::new(light)
+            .ok_or_else(|| unsupported("lights", &light.name, "only one-sided lights that are no meshes"))
+    };
+    scene.lights.iter().map(source).collect()
+}
+
+/// The same scene with a pad of no more points than light between walls needs.
+fn coarse(scene: &Scene) -> Result<Scene, Error> {
+    let mut out = scene.clone();
+    for surface in out.surfaces.iter_mut().filter(|s| s.role == Role::Pad) {
+        let [nx, ny] = lattice_of(&surface.mesh)?;
+        let picked = |n: usize| -> Vec<usize> {
+            let m = n.min(WORLD_POINTS);
+            (0..m).map(|k| k * (n - 1) / (m - 1)).collect()
+        };
+        let (columns, rows) = (picked(nx), picked(ny));
+        let at = |k: usize| rows[k / columns.len()] * nx + columns[k % columns.len()];
+        let positions = (0..rows.len() * columns.len()).map(|k| surface.mesh.positions[at(k)]).collect();
+        surface.mesh = Arc::new(Mesh::from_lattice(columns.len(), rows.len(), positions, Vec::new()));
+    }
+    Ok(out)
 }
 
 fn without_pad_mesh(scene: &Scene) -> Scene {
@@ -349,48 +453,85 @@ fn same_but_pad_mesh(scene: &Scene, fixed: &Scene) -> bool {
         })
 }
 
-/// Traces what the camera would see without the pad.
-fn fixed_samples(
-    scene: &Scene,
-    world: &World,
-    emitters: &[Emitter],
-    solved: &Radiosity,
-) -> Result<Option<Vec<(f32, Vec3)>>, Error> {
-    let camera = &scene.camera;
-    let bare = World::new(scene, false)?;
-    let (width, height) = (camera.width * FIXED_GRAIN, camera.height * FIXED_GRAIN);
-    let per = 1.0 / FIXED_GRAIN as f32;
-    let samples: Vec<(f32, Vec3)> = (0..width * height)
+/// All surfaces but plates.
+fn solid(scene: &Scene) -> Vec<super::Surface> {
+    scene.surfaces.iter().filter(|s| s.role != Role::Plate).cloned().collect()
+}
+
+/// What a plate mirrors into each pixel, by light of radiance 1.
+fn veils(view: &View, slab: &Slab, world: &World, solved: &Radiosity) -> Vec<Vec<Vec3>> {
+    let camera = &view.camera;
+    let seen: Vec<Vec<Vec3>> = (0..camera.width * camera.height)
         .into_par_iter()
         .map(|k| {
-            let (x, y) = (((k % width) as f32 + 0.5) * per, ((k / width) as f32 + 0.5) * per);
-            let (origin, direction) = camera.ray(x, y, Vec2::ZERO);
-            let Some(met) = bare.trace(origin, direction) else { return (f32::NEG_INFINITY, Vec3::ZERO) };
-            let inverse_depth = 1.0 / (met.hit.t * direction.dot(camera.forward));
-            // Its radiance is that of the whole sensor, pad included; what the pad hides is not shown anyway.
-            let to = direction * (met.hit.t * 1.001);
-            let radiance = match world.trace(origin, direction) {
-                Some(whole) if (whole.hit.point - origin).length() >= to.length() * 0.998 => {
-                    let mut radiance =
-                        met.albedo * FRAC_1_PI * world.direct(met.hit.point, met.normal, met.light, emitters);
-                    radiance += solved.direct_free(whole.element);
-                    if let Some(light) = met.light.filter(|_| met.front) {
-                        radiance += emitters[light].radiance;
-                    }
-                    radiance
+            let at = Vec2::new((k % camera.width) as f32 + 0.5, (k / camera.width) as f32 + 0.5);
+            let (origin, direction) = camera.ray(at.x, at.y, Vec2::ZERO);
+            let up = direction.with_z(-direction.z);
+            let mut sums = vec![Vec3::ZERO; solved.lights];
+            for (from, weight) in slab.mirrored(origin, direction) {
+                let Some(met) = world.trace(from + up * world.offset, up) else { continue };
+                for (sum, radiance) in sums.iter_mut().zip(solved.radiance(met.element)) {
+                    *sum += *radiance * weight;
                 }
-                _ => Vec3::ZERO,
-            };
-            (inverse_depth, radiance)
+                if let Some(light) = met.light.filter(|_| met.front) {
+                    sums[light] += Vec3::splat(weight);
+                }
+            }
+            sums
         })
         .collect();
-    Ok(samples.iter().any(|s| s.0.is_finite()).then_some(samples))
+    (0..solved.lights).map(|l| seen.iter().map(|s| s[l]).collect()).collect()
+}
+
+/// Inverse depth by corner, and radiance by light and corner.
+type Fixed = (Vec<f32>, Vec<Vec<Vec3>>);
+
+/// Traces what the camera would see without the pad.
+fn fixed_corners(
+    scene: &Scene,
+    view: &View,
+    world: &World,
+    lamps: &[Lamp],
+    solved: &Radiosity,
+) -> Result<Fixed, Error> {
+    // What stands above a plate is not in its way: walls are wider than the view there.
+    let bare = World::new(&Scene { surfaces: solid(scene), ..scene.clone() }, false)?;
+    let [columns, rows] = view.corners();
+    let lights = lamps.len();
+    let samples: Vec<(f32, Vec<Vec3>)> = (0..columns * rows)
+        .into_par_iter()
+        .map(|k| {
+            let at = Vec2::new((k % columns) as f32, (k / columns) as f32);
+            let [start, along] = view.ray(at);
+            let direction = along.normalize();
+            let Some(met) = bare.trace(start + direction * bare.offset, direction) else {
+                return (f32::NEG_INFINITY, Vec::new());
+            };
+            let value = along.length() / met.hit.t;
+            // Its radiance is that of the whole sensor, pad included; what the pad hides is not shown anyway.
+            let free = world.trace(start + direction * bare.offset, direction);
+            let Some(whole) = free.filter(|whole| whole.hit.t >= met.hit.t * 0.999) else {
+                return (value, vec![Vec3::ZERO; lights]);
+            };
+            let of_light = |l: usize| {
+                let e = world.direct(met.hit.point, met.normal, met.light, l, &lamps[l]);
+                let own = if met.front && met.light == Some(l) { Vec3::ONE } else { Vec3::ZERO };
+                met.albedo * (FRAC_1_PI * e) + solved.direct_free(whole.element, l) + own
+            };
+            (value, (0..lights).map(of_light).collect())
+        })
+        .collect();
+    if samples.iter().all(|s| s.0 == f32::NEG_INFINITY) {
+        return Ok((Vec::new(), vec![Vec::new(); lights]));
+    }
+    let of_light = |l: usize| samples.iter().map(|s| s.1.get(l).copied().unwrap_or(Vec3::ZERO)).collect();
+    Ok((samples.iter().map(|s| s.0).collect(), (0..lights).map(of_light).collect()))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optics::{bench_scene, reference};
+    use crate::optics::{LightShape, bench_scene, reference};
     use std::sync::LazyLock;
 
     const SCENE: &str = include_str!("../../tests/data/optics/tactile-bench-1.json");
@@ -489,11 +630,14 @@ mod tests {
             assert!(message.contains("reference"), "{message}");
         };
         refused(&|s| s.surfaces[0].material = Material::RoughConductor { f0: Vec3::ONE, alpha: 0.2 });
-        refused(&|s| s.lights[1].cosine_power = 2.0);
+        refused(&|s| s.lights[1].two_sided = true);
         refused(&|s| {
-            s.lights[0].shape = LightShape::Disc { center: Vec3::Z, normal: Vec3::NEG_Z, radius: 1.0 };
+            s.lights[0].shape = LightShape::Mesh(Arc::new(Mesh::parallelogram(Vec3::Z, Vec3::X, Vec3::Y)))
         });
-        refused(&|s| *s = bench_scene::parse(SCENE, bench_scene::Variant::B).unwrap());
+        refused(&|s| {
+            *s = bench_scene::parse(SCENE, bench_scene::Variant::B).unwrap();
+            s.surfaces[2].material = Material::RoughDielectric { ior: 1.49, alpha: 0.1 };
+        });
         let mut moved = scene(bench_scene::Variant::Ac, sphere);
         moved.lights[0].radiance *= 2.0;
         assert!(Renderer::new(&ONCE, &moved, 0.005).is_err());

@@ -2,8 +2,10 @@
 //!
 //! Lambert's formula: E = L/2 sum_i theta_i n . (v_i x v_i+1)/|v_i x v_i+1|, where v_i are the unit
 //! directions to the corners and theta_i the angles between neighbours (Lambert 1760; Arvo 1995, eq. 2.1.5).
-//! The polygon is first clipped at the receiver's horizon.
+//! The polygon is first clipped at the receiver's horizon; the sum itself is the vector of
+//! [`vector`](super::fast::vector), projected on the normal.
 
+use super::fast::vector::edge;
 use glam::Vec3;
 
 /// Irradiance at `point` with unit normal `normal` from a convex polygon of radiance 1 whose corners run
@@ -22,44 +24,12 @@ pub fn polygon(point: Vec3, normal: Vec3, corners: &[Vec3; 4]) -> f32 {
     }
     let sum = if heights.iter().all(|&h| h >= 0.0) {
         let u = v.map(Vec3::normalize_or_zero);
-        edge(u[0], u[1], normal)
-            + edge(u[1], u[2], normal)
-            + edge(u[2], u[3], normal)
-            + edge(u[3], u[0], normal)
+        (edge(u[0], u[1]) + edge(u[1], u[2]) + edge(u[2], u[3]) + edge(u[3], u[0])).dot(normal)
     } else {
         clipped(&v, &heights, normal)
     };
     // Seen from the receiver the corners run clockwise, hence the sign.
     (-0.5 * sum).max(0.0)
-}
-
-/// One term of the sum: the angle between two unit directions times the edge's unit normal, on `normal`.
-///
-/// The polynomial of Abramowitz and Stegun 4.4.46 gives acos(c)/sqrt(1 - c), c >= 0, to 2e-8; times
-/// sqrt(1 - c)/sin = 1/sqrt(1 + c) it is the factor angle/sin, in which nothing cancels for short edges, at a
-/// fifth of the cost of atan2. Edges seen under more than a right angle use angle = pi - acos(-c), with the
-/// sine from the cross product: near a wall 1 - c^2 has no digits left.
-#[inline]
-fn edge(a: Vec3, b: Vec3, normal: Vec3) -> f32 {
-    const A: [f32; 8] = [
-        std::f32::consts::FRAC_PI_2,
-        -0.214_598_8,
-        0.088_978_99,
-        -0.050_174_305,
-        0.030_891_88,
-        -0.017_088_126,
-        0.006_670_09,
-        -0.001_262_491_1,
-    ];
-    let cross = a.cross(b);
-    let c = a.dot(b);
-    let x = c.abs().min(1.0);
-    let factor = A.iter().rev().fold(0.0, |sum, a| sum * x + a) / (1.0 + x).sqrt();
-    if c >= 0.0 {
-        cross.dot(normal) * factor
-    } else {
-        cross.dot(normal) * (std::f32::consts::PI / cross.length().max(1e-20) - factor)
-    }
 }
 
 /// The sum over the part above the horizon; its edge along the horizon is counted, too (the formula
@@ -79,7 +49,7 @@ fn clipped(v: &[Vec3; 4], heights: &[f32; 4], normal: Vec3) -> f32 {
             n += 1;
         }
     }
-    (0..n).map(|i| edge(kept[i], kept[(i + 1) % n], normal)).sum()
+    (0..n).map(|i| edge(kept[i], kept[(i + 1) % n])).sum::<Vec3>().dot(normal)
 }
 
 #[cfg(test)]
@@ -137,7 +107,7 @@ mod tests {
         for k in 1..1000 {
             let angle = std::f64::consts::PI * f64::from(k) / 1000.0;
             let b = Vec3::new(angle.cos() as f32, angle.sin() as f32, 0.0);
-            assert!((f64::from(edge(Vec3::X, b, Vec3::Z)) - angle).abs() < 1e-6, "{angle}");
+            assert!((f64::from(edge(Vec3::X, b).z) - angle).abs() < 1e-6, "{angle}");
         }
     }
 

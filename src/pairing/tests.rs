@@ -145,7 +145,8 @@ pub(crate) fn dataset(root: &Path, captures: u32, shift: f64) -> Dataset {
         dataset.append_real(c, real_record(), &picture(x, y, strength)).unwrap();
         let contact = (c > 0).then_some([22, 18, 40, 30]);
         let tiff = depth::encode(SIZE.0, SIZE.1, &vec![0.0; (SIZE.0 * SIZE.1) as usize]).unwrap();
-        dataset.append_sim(c, sim_record(contact), &picture(x + shift, y, 0.9 * strength), &tiff).unwrap();
+        let sim = picture(x + shift, y, 0.9 * strength);
+        dataset.append_sim(c, sim_record(contact), &sim, &tiff, b"contact").unwrap();
     }
     dataset
 }

@@ -1,4 +1,5 @@
-//! Whether a protocol file does what it says: its own vectors, run through the codec.
+//! Whether a protocol file does what it says: its own vectors, run through the codec, and its own dialogues,
+//! held by the engine.
 //!
 //! Used by the tests of this crate for the shipped files, and by the command line for anybody's.
 
@@ -11,53 +12,76 @@ use super::value::hex;
 use crate::clock::Timestamp;
 use std::sync::Arc;
 
-/// One vector that does not hold.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("vector {number} ({what}): {message}")]
-pub struct Mismatch {
-    /// Which one, from 1, in the order of the file.
-    pub number: usize,
-    /// The command or the class it is about.
-    pub what: String,
-    /// What differs.
-    pub message: String,
+/// What a case is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CaseKind {
+    /// A `[[vector]]`: one command or one reply.
+    Vector,
+    /// A `[[dialogue]]`: an exchange from beginning to end.
+    Dialogue,
 }
 
-/// One turn of a dialogue that went otherwise.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("dialogue \"{name}\", turn {turn}: {message}")]
-pub struct Misunderstanding {
-    /// Name of the dialogue.
-    pub name: String,
-    /// Which turn, from 1.
-    pub turn: usize,
-    /// What differs.
-    pub message: String,
+/// One vector or dialogue of a file, and whether it holds.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct Case {
+    /// Vector or dialogue.
+    pub kind: CaseKind,
+    /// Which one of its kind, from 1, in the order of the file.
+    pub number: usize,
+    /// The command or class that a vector is about, with `>` for sent and `<` for received; the name of
+    /// a dialogue.
+    pub what: String,
+    /// Of a dialogue the turn that went otherwise, from 1.
+    pub turn: Option<usize>,
+    /// What differs; `None` when it holds.
+    pub failure: Option<String>,
+}
+
+impl Case {
+    /// Its key in the file, e.g. `vector[2]` or `dialogue[0].turns[3]`.
+    pub fn key(&self) -> String {
+        match (self.kind, self.turn) {
+            (CaseKind::Vector, _) => format!("vector[{}]", self.number - 1),
+            (CaseKind::Dialogue, None | Some(0)) => format!("dialogue[{}]", self.number - 1),
+            (CaseKind::Dialogue, Some(turn)) => format!("dialogue[{}].turns[{}]", self.number - 1, turn - 1),
+        }
+    }
 }
 
 /// How a file fared.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize)]
 pub struct Conformance {
-    /// Vectors that were run.
-    pub vectors: usize,
-    /// Those that do not hold.
-    pub mismatches: Vec<Mismatch>,
-    /// Dialogues that were held.
-    pub dialogues: usize,
-    /// Where they went otherwise than written.
-    pub misunderstandings: Vec<Misunderstanding>,
+    /// Every vector, then every dialogue.
+    pub cases: Vec<Case>,
     /// Commands and classes that no vector shows.
     pub untested: Vec<String>,
+}
+
+impl Conformance {
+    /// Cases that do not hold.
+    pub fn failures(&self) -> impl Iterator<Item = &Case> {
+        self.cases.iter().filter(|c| c.failure.is_some())
+    }
+
+    /// How many cases of a kind there are.
+    pub fn count(&self, kind: CaseKind) -> usize {
+        self.cases.iter().filter(|c| c.kind == kind).count()
+    }
 }
 
 /// Runs every vector and every dialogue of a file.
 pub fn check(spec: &Arc<Spec>) -> Conformance {
     let mut report = check_vectors(spec);
-    report.dialogues = spec.dialogue.len();
-    for dialogue in &spec.dialogue {
-        if let Err((turn, message)) = hold(spec, dialogue) {
-            report.misunderstandings.push(Misunderstanding { name: dialogue.name.clone(), turn, message });
-        }
+    for (i, dialogue) in spec.dialogue.iter().enumerate() {
+        let held = hold(spec, dialogue);
+        report.cases.push(Case {
+            kind: CaseKind::Dialogue,
+            number: i + 1,
+            what: dialogue.name.clone(),
+            turn: held.as_ref().err().map(|(turn, _)| *turn),
+            failure: held.err().map(|(_, message)| message),
+        });
     }
     report
 }
@@ -103,21 +127,21 @@ fn hold(spec: &Arc<Spec>, dialogue: &Dialogue) -> Result<(), (usize, String)> {
 
 /// Runs every vector of a file.
 pub fn check_vectors(spec: &Arc<Spec>) -> Conformance {
-    let mut report = Conformance { vectors: spec.vector.len(), ..Conformance::default() };
+    let mut cases = Vec::new();
     for (i, vector) in spec.vector.iter().enumerate() {
-        let what = vector.cmd.as_ref().or(vector.class.as_ref()).cloned().unwrap_or_default();
+        let (sign, name) = if vector.tx.is_some() { ('>', &vector.cmd) } else { ('<', &vector.class) };
         let result = if vector.tx.is_some() { check_tx(spec, vector) } else { check_rx(spec, vector) };
-        if let Err(message) = result {
-            report.mismatches.push(Mismatch { number: i + 1, what, message });
-        }
+        let what = format!("{sign} {}", name.as_deref().unwrap_or("(any class)"));
+        let (turn, failure) = (None, result.err());
+        cases.push(Case { kind: CaseKind::Vector, number: i + 1, what, turn, failure });
     }
     let shown = |name: &str| {
         spec.vector.iter().any(|v| v.cmd.as_deref() == Some(name) || v.class.as_deref() == Some(name))
     };
     let names = spec.cmd.keys().map(|c| ("command", c)).chain(spec.rx.iter().map(|rx| ("class", &rx.class)));
-    report.untested =
+    let untested =
         names.filter(|(_, name)| !shown(name)).map(|(kind, name)| format!("{kind} {name}")).collect();
-    report
+    Conformance { cases, untested }
 }
 
 fn check_tx(spec: &Spec, vector: &Vector) -> Result<(), String> {
@@ -167,7 +191,7 @@ fn check_rx(spec: &Arc<Spec>, vector: &Vector) -> Result<(), String> {
 }
 
 /// Bytes for a message: as text where they are text.
-pub(super) fn show(bytes: &[u8]) -> String {
+pub fn show(bytes: &[u8]) -> String {
     if bytes.iter().all(|b| (0x20..0x7f).contains(b) || matches!(b, b'\n' | b'\r')) {
         format!("{:?}", String::from_utf8_lossy(bytes))
     } else {
@@ -202,10 +226,9 @@ pub(crate) mod tests {
     fn every_vector_of_every_shipped_file_holds() {
         for name in all_shipped() {
             let report = check(&shipped(&name));
-            assert!(report.vectors > 0, "{name} has no vectors");
-            assert!(report.dialogues > 0, "{name} has no dialogue");
-            assert!(report.misunderstandings.is_empty(), "{name}: {:#?}", report.misunderstandings);
-            assert!(report.mismatches.is_empty(), "{name}: {:#?}", report.mismatches);
+            assert!(report.count(CaseKind::Vector) > 0, "{name} has no vectors");
+            assert!(report.count(CaseKind::Dialogue) > 0, "{name} has no dialogue");
+            assert_eq!(report.failures().collect::<Vec<_>>(), Vec::<&Case>::new(), "{name}");
         }
     }
 
@@ -214,8 +237,9 @@ pub(crate) mod tests {
         let mut spec = (*shipped("grbl")).clone();
         spec.dialogue[0].turns[0].tx = Some(crate::protocol::Bytes(b"$Q\n".to_vec()));
         let report = check(&Arc::new(spec));
-        assert_eq!(report.misunderstandings.len(), 1);
-        assert_eq!(report.misunderstandings[0].turn, 1);
+        let failures: Vec<&Case> = report.failures().collect();
+        assert_eq!((failures.len(), failures[0].turn), (1, Some(1)));
+        assert_eq!(failures[0].key(), "dialogue[0].turns[0]");
     }
 
     #[test]
@@ -223,7 +247,8 @@ pub(crate) mod tests {
         let mut spec = (*shipped("grbl")).clone();
         spec.vector[0].tx = Some(crate::protocol::Bytes(b"$J=G90\n".to_vec()));
         let report = check_vectors(&Arc::new(spec));
-        assert_eq!(report.mismatches.len(), 1);
-        assert!(report.mismatches[0].message.contains("G21"));
+        let failures: Vec<&Case> = report.failures().collect();
+        assert_eq!((failures.len(), failures[0].key()), (1, "vector[0]".to_owned()));
+        assert!(failures[0].failure.as_ref().unwrap().contains("G21"));
     }
 }

@@ -124,6 +124,11 @@ impl Engine {
         &self.spec
     }
 
+    /// The axes.
+    pub fn axes(&self) -> &[AxisWire] {
+        &self.axes
+    }
+
     /// The device's state over all axes: the busiest of them.
     pub fn state(&self) -> Option<MotionState> {
         let order = [
@@ -153,6 +158,11 @@ impl Engine {
     /// Whether the device by design answers nothing at present.
     pub fn is_silent(&self) -> bool {
         self.mute || self.deaf || self.exchange.silent()
+    }
+
+    /// Names of the commands that wait for a reply.
+    pub fn awaited(&self) -> Vec<String> {
+        self.exchange.awaited()
     }
 
     /// From now on an unexpected banner means that the device restarted.
@@ -244,8 +254,12 @@ impl Engine {
 
     fn stop_procedure(&self, kind: StopKind) -> &Procedure {
         let stop = &self.spec.stop;
-        let name = if kind == StopKind::Controlled { "controlled" } else { "emergency" };
-        stop.get(name).or_else(|| stop.get("emergency")).expect("a checked file has [stop.emergency]")
+        let names: &[&str] = match kind {
+            StopKind::Homing => &["homing", "controlled", "emergency"],
+            StopKind::Controlled => &["controlled", "emergency"],
+            StopKind::Emergency => &["emergency"],
+        };
+        names.iter().find_map(|name| stop.get(*name)).expect("a checked file has [stop.emergency]")
     }
 
     /// Takes received bytes.
@@ -255,7 +269,7 @@ impl Engine {
                 self.note(format!("unreadable bytes: {}", super::value::hex(bytes)));
                 continue;
             }
-            let awaited = self.exchange.awaited();
+            let awaited = self.awaited();
             let awaited: Vec<&str> = awaited.iter().map(String::as_str).collect();
             let replies = classify(&self.spec, &unit, &awaited);
             if replies.is_empty() {

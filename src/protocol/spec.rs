@@ -11,11 +11,13 @@
 mod check;
 pub mod conduct;
 pub mod dialogue;
+mod lines;
 pub mod link;
 pub mod vector;
 
 use super::emulation::EmulatorSpec;
 use super::value::{Bytes, Pattern};
+use crate::problem::{Problem, Problems};
 pub use conduct::*;
 pub use dialogue::*;
 pub use link::*;
@@ -63,7 +65,8 @@ pub struct Spec {
     pub init: Procedure,
     /// `[home]`: steps that reference the axes.
     pub home: Procedure,
-    /// `[stop.<name>]`: `emergency` (required), `controlled`.
+    /// `[stop.<name>]`: `emergency` (required), `controlled`, and `homing` where a controlled stop does not end
+    /// the search for references.
     pub stop: BTreeMap<String, Procedure>,
     /// `[recover.<name>]`: steps after an alarm, named by the alarm table.
     #[serde(default)]
@@ -124,32 +127,53 @@ pub struct SpecError {
 pub struct SpecProblem {
     /// Line in the file, from 1.
     pub line: usize,
-    /// Key path, empty for a syntax error.
-    pub key: String,
-    /// What is wrong and what would be right.
-    pub message: String,
+    /// What is wrong there; without a key for an error of syntax.
+    pub problem: Problem,
 }
 
 impl SpecError {
     fn render(&self) -> String {
-        let lines = self.problems.iter().map(|p| {
+        let lines = self.problems.iter().map(|SpecProblem { line, problem: p }| {
             let key = if p.key.is_empty() { String::new() } else { format!("{}: ", p.key) };
-            format!("{}:{}: {key}{}", self.name, p.line, p.message)
+            format!("{}:{line}: {key}{}; allowed: {}; {}", self.name, p.value, p.allowed, p.next)
         });
         lines.collect::<Vec<_>>().join("\n")
     }
 }
 
 impl Spec {
-    /// Reads a protocol file; `name` is what errors call it.
+    /// Reads a protocol file; `name` is what errors call it. Of what does not fit the types the first is
+    /// told; whoever wants all of that reads the file by itself and calls [`Spec::check`].
     pub fn parse(name: &str, text: &str) -> Result<Spec, SpecError> {
         let fail = |problems| SpecError { name: name.to_owned(), problems };
         let spec: Spec = toml::from_str(text).map_err(|e| {
-            let line = e.span().map_or(1, |span| check::line_at(text, span.start));
-            fail(vec![SpecProblem { line, key: String::new(), message: e.message().to_owned() }])
+            let line = e.span().map_or(1, |span| lines::line_at(text, span.start));
+            let problem = Problem {
+                key: String::new(),
+                value: e.message().to_owned(),
+                allowed: "a protocol as in the shipped firmware_protocols/".to_owned(),
+                next: "correct this line".to_owned(),
+            };
+            fail(vec![SpecProblem { line, problem }])
         })?;
-        let problems = check::problems(&spec, text);
-        if problems.is_empty() { Ok(spec) } else { Err(fail(problems)) }
+        let mut found = Problems::new();
+        spec.check(&mut found);
+        let found = found.into_vec();
+        if found.is_empty() {
+            return Ok(spec);
+        }
+        let mut problems: Vec<SpecProblem> = found
+            .into_iter()
+            .map(|problem| SpecProblem { line: lines::line_of(text, &problem.key), problem })
+            .collect();
+        problems.sort_by_key(|p| p.line);
+        Err(fail(problems))
+    }
+
+    /// Reports everything that the types cannot see: names that lead nowhere, fields that nobody fills,
+    /// tables that do not agree.
+    pub fn check(&self, problems: &mut Problems) {
+        check::check(self, problems);
     }
 
     /// The class of that name.

@@ -1,7 +1,7 @@
 //! Small values that protocol files are written in: bytes, patterns, fields.
 
-use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// A run of bytes: text as it stands, or `hex:18 0d` for bytes that are not text.
@@ -104,7 +104,7 @@ impl<'de> Deserialize<'de> for Pattern {
 }
 
 /// What a field of a command or of a reply holds.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Value {
     /// A whole number.

@@ -28,6 +28,8 @@ pub struct Bench {
     pub clock: Clock,
     /// Stops everything.
     pub stop: StopSwitch,
+    /// The pose that was reached last, as it was asked for.
+    pub reached: Option<Pose>,
     /// When the last motion had ended, before settling.
     pub rested_at: Option<Timestamp>,
 }
@@ -185,20 +187,44 @@ impl Bench {
 
     /// Goes to a pose in the order that never drags, and returns when everything has settled there.
     pub async fn go(&mut self, to: &Pose, feeds: Feeds) -> Result<(), BenchError> {
-        let from = self.resting().await?;
+        let measured = self.resting().await?;
+        let from = self.as_asked(measured);
+        self.reached = None;
+        self.go_from(&from, to, feeds).await?;
+        self.reached = Some(*to);
+        Ok(())
+    }
+
+    /// The pose with what is where it was sent in the words it was sent by: a device rounds, and what it has
+    /// rounded away is no way to go.
+    fn as_asked(&self, measured: Pose) -> Pose {
+        let mut pose = measured;
+        let Some(asked) = self.reached else { return pose };
+        for coordinate in Coordinate::ALL {
+            let Some(role) = self.map.role(coordinate) else { continue };
+            let tolerance =
+                self.movers.get(&role.device).and_then(|m| m.tolerance(&role.axis)).unwrap_or(0.0);
+            if (coordinate.of(&asked) - coordinate.of(&measured)).abs() <= tolerance {
+                *coordinate.of_mut(&mut pose) = coordinate.of(&asked);
+            }
+        }
+        pose
+    }
+
+    async fn go_from(&mut self, from: &Pose, to: &Pose, feeds: Feeds) -> Result<(), BenchError> {
         let sideways = [Coordinate::X, Coordinate::Y, Coordinate::Theta]
             .into_iter()
-            .any(|c| self.map.role(c).is_some() && !same(c.of(&from), c.of(to)));
+            .any(|c| self.map.role(c).is_some() && !same(c.of(from), c.of(to)));
         let down = to.z_mm < from.z_mm && !same(to.z_mm, from.z_mm);
         if sideways && down && from.z_mm < -AT_REST_MM {
-            return Err(BenchError::Drag { from, to: *to });
+            return Err(BenchError::Drag { from: *from, to: *to });
         }
         if down || same(to.z_mm, from.z_mm) {
-            self.go_sideways(&from, to, feeds).await?;
+            self.go_sideways(from, to, feeds).await?;
             self.go_along(&[(Coordinate::Z, to.z_mm)], feeds.mm_s).await
         } else {
             self.go_along(&[(Coordinate::Z, to.z_mm)], feeds.mm_s).await?;
-            self.go_sideways(&from, to, feeds).await
+            self.go_sideways(from, to, feeds).await
         }
     }
 
@@ -257,12 +283,7 @@ impl Bench {
         for (coordinate, value) in lines {
             let Some(role) = self.map.role(*coordinate).cloned() else {
                 let mut to = Pose::default();
-                match coordinate {
-                    Coordinate::X => to.x_mm = *value,
-                    Coordinate::Y => to.y_mm = *value,
-                    Coordinate::Z => to.z_mm = *value,
-                    Coordinate::Theta => to.theta_deg = *value,
-                }
+                *coordinate.of_mut(&mut to) = *value;
                 return Err(BenchError::NoAxis { coordinate: coordinate.name(), to });
             };
             let target = role.to_axis(*value);

@@ -261,14 +261,14 @@ impl Session<'_> {
         let (frame, still_rms) =
             self.bench.still_frame(self.settings.still_rms, self.settings.frame_within).await?;
         let settle = frame.stamp.exposed_at.since(settled_at);
-        let (at, positions) = self.bench.measured().await?;
-        self.bench.require_reference()?;
-        let measured = Pose { z_mm: at.z_mm - zero_mm, ..at };
+        let (mut measured, mut positions) = self.measured(zero_mm).await?;
+        // Many firmwares answer without a checksum: what departs is asked once more before it is believed.
+        if self.departs(commanded, &measured) {
+            tracing::warn!("capture {capture}: read at {measured} instead of {commanded}; asking again");
+            (measured, positions) = self.measured(zero_mm).await?;
+        }
+        let departed = self.departs(commanded, &measured);
         let nominal = Pose { z_mm: commanded.z_mm + zero_mm, ..*commanded };
-        // What cannot be compared is not within.
-        let within = |off: f64| off <= self.settings.departure;
-        let departed = !(within(commanded.distance_mm(&measured))
-            && within((commanded.theta_deg - measured.theta_deg).abs()));
         let utc = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let real = RealCapture {
             capture,
@@ -285,6 +285,19 @@ impl Session<'_> {
             drift_rms: backgrounds.drift_rms,
         };
         self.tell(Event::Captured(Box::new(real))).await
+    }
+
+    /// Where the devices say the indenter is, relative to the contact; every one of them must be trusted.
+    async fn measured(&mut self, zero_mm: f64) -> Result<(Pose, Vec<(String, String, f64)>), SessionError> {
+        let (at, positions) = self.bench.measured().await?;
+        self.bench.require_reference()?;
+        Ok((Pose { z_mm: at.z_mm - zero_mm, ..at }, positions))
+    }
+
+    /// Whether a pose is not where it should be; what cannot be compared is not.
+    fn departs(&self, commanded: &Pose, measured: &Pose) -> bool {
+        let within = |off: f64| off <= self.settings.departure;
+        !(within(commanded.distance_mm(measured)) && within((commanded.theta_deg - measured.theta_deg).abs()))
     }
 
     /// Lifts the arm if its position can be trusted; says so when it could not.

@@ -4,6 +4,10 @@
 //! descends again in steps ten times finer. What counts as different is the largest change of any
 //! block of pixels: a contact is small and sharp, noise averages out within a block, and a change of
 //! the light is removed beforehand as the median of all blocks.
+//!
+//! A picture shows a contact only when the tip has pressed a little, a round one later than a flat one.
+//! But the change grows in proportion to the depth (found by experiment, with round, flat and pointed tips),
+//! so the line through the first few changes leads back to where it began.
 
 use super::bench::{Bench, BenchError, Feeds};
 use crate::frame::Frame;
@@ -69,11 +73,14 @@ pub enum TouchOffError {
     },
 }
 
+/// Fine steps below the first one that shows a contact.
+const FURTHER_STEPS: u32 = 3;
+
 /// How long a picture may take to come to rest.
 const STILL_WITHIN: Duration = Duration::from_secs(5);
 
 /// Finds the contact below (x, y) of `over`, where the indenter hovers; what travel is left to the first
-/// look goes at the feeds of `travel`. The indenter is left at the contact.
+/// look goes at the feeds of `travel`. The indenter is left in contact, a few fine steps deep.
 pub async fn find_contact(
     bench: &mut Bench,
     over: &Pose,
@@ -96,7 +103,32 @@ pub async fn find_contact(
     let coarse = search.descend(bench, settings.start_mm, settings.step_mm).await?;
     let back = coarse.zero_mm + settings.step_mm;
     bench.go(&Pose { z_mm: back, ..*over }, feeds).await?;
-    search.descend(bench, back, settings.step_mm / 10.0).await
+    let fine_mm = settings.step_mm / 10.0;
+    let seen = search.descend(bench, back, fine_mm).await?;
+
+    // A little further, to see how fast the change grows.
+    let mut changes = vec![(seen.zero_mm, seen.change)];
+    for k in 1..=FURTHER_STEPS {
+        let z_mm = seen.zero_mm - f64::from(k) * fine_mm;
+        if z_mm < -settings.max_depth_mm {
+            break;
+        }
+        bench.go(&Pose { z_mm, ..search.over }, search.feeds).await?;
+        changes.push((z_mm, search.look(bench).await?.1));
+    }
+    let began = beginning(&changes).unwrap_or(seen.zero_mm);
+    Ok(Contact { zero_mm: began.clamp(seen.zero_mm, back), ..seen })
+}
+
+/// Where the least-squares line through (height, change) reaches no change; `None` when it does not grow downwards.
+fn beginning(changes: &[(f64, f64)]) -> Option<f64> {
+    let n = changes.len() as f64;
+    let mean_z = changes.iter().map(|(z, _)| z).sum::<f64>() / n;
+    let mean_change = changes.iter().map(|(_, c)| c).sum::<f64>() / n;
+    let along: f64 = changes.iter().map(|(z, c)| (z - mean_z) * (c - mean_change)).sum();
+    let spread: f64 = changes.iter().map(|(z, _)| (z - mean_z).powi(2)).sum();
+    let slope = along / spread;
+    (slope < 0.0).then(|| mean_z - mean_change / slope)
 }
 
 struct Search<'a> {
@@ -184,6 +216,15 @@ mod tests {
         };
         let rgb = (0..64 * 64).flat_map(|i| [f(i % 64, i / 64); 3]).collect();
         Frame { width: 64, height: 64, rgb, stamp }
+    }
+
+    #[test]
+    fn the_beginning_of_a_line_is_where_it_is_zero_and_a_flat_one_has_none() {
+        let line: Vec<_> =
+            (0..4).map(|k| 0.05 - 0.01 * f64::from(k)).map(|z| (z, 80.0 * (0.07 - z))).collect();
+        assert!((beginning(&line).unwrap() - 0.07).abs() < 1e-9);
+        assert_eq!(beginning(&[(0.05, 2.0), (0.04, 2.0)]), None);
+        assert_eq!(beginning(&[(0.05, 2.0)]), None);
     }
 
     #[test]

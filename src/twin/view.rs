@@ -1,11 +1,11 @@
 //! What the sensor's camera would see of a deformed pad.
 
+use super::contact_mask::contact_mask;
 use crate::elastomer::{ElastomerCapture, Pad, Surface};
-use crate::image;
+use crate::image::{self, Mask};
 use crate::optics::Error;
 use crate::optics::imager::{Background, Imager, Method};
 use crate::optics::sensor::SensorOptics;
-use crate::optics::sensor_scene::texture_coordinate;
 use crate::optics::surface::DisplacedSurface;
 use std::time::{Duration, Instant};
 
@@ -31,7 +31,9 @@ pub struct Picture {
     pub image: image::Picture,
     /// Pad-frame height of the face, mm, on the same grid.
     pub depth_mm: Vec<f32>,
-    /// Bounding box of the contact: x0, y0, x1, y1 (exclusive), pixels.
+    /// Where the face touches the indenter, on the same grid.
+    pub contact: Mask,
+    /// Bounding box of the contact with a margin: x0, y0, x1, y1 (exclusive), pixels.
     pub contact_box_px: Option<[u32; 4]>,
     /// Time it took.
     pub took: Duration,
@@ -75,8 +77,9 @@ impl View {
         let camera = &self.sensor.camera;
         let (width, height) = (camera.width_px as u32, camera.height_px as u32);
         let image = image::Picture { width, height, rgb: seen.rgb };
-        let contact_box_px = self.contact_box(pad, width, height);
-        Ok(Picture { image, depth_mm: seen.depth_mm, contact_box_px, took: begun.elapsed() })
+        let contact = contact_mask(&self.sensor, pad);
+        let contact_box_px = self.contact_box(&contact);
+        Ok(Picture { image, depth_mm: seen.depth_mm, contact, contact_box_px, took: begun.elapsed() })
     }
 
     /// Name of the optics mode, for the record.
@@ -96,24 +99,19 @@ impl View {
     }
 
     /// Where the contact is in the picture, with a margin: what happens around a contact belongs to it.
-    fn contact_box(&self, pad: &ElastomerCapture, width: u32, height: u32) -> Option<[u32; 4]> {
-        let surface = &pad.surface;
-        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
-        for (k, position) in surface.positions.iter().enumerate() {
-            if pad.contact[k] {
-                let uv = texture_coordinate(&self.sensor, position.x, position.y);
-                for (axis, value) in uv.to_array().into_iter().enumerate() {
-                    low[axis] = low[axis].min(value);
-                    high[axis] = high[axis].max(value);
-                }
-            }
-        }
-        let margin = (CONTACT_MARGIN_MM / self.sensor.camera.mm_per_px) as f32;
-        let pixel =
-            |uv: f32, size: u32, shift: f32| (uv * size as f32 + shift).clamp(0.0, size as f32) as u32;
-        let (x0, y0) = (pixel(low[0], width, -margin), pixel(low[1], height, -margin));
-        let (x1, y1) = (pixel(high[0], width, margin), pixel(high[1], height, margin));
-        (low[0].is_finite() && x0 < x1 && y0 < y1).then_some([x0, y0, x1, y1])
+    fn contact_box(&self, contact: &Mask) -> Option<[u32; 4]> {
+        let (width, height) = (contact.width, contact.height);
+        let inside = contact.inside.iter().enumerate().filter(|(_, inside)| **inside);
+        let pixels = inside.map(|(k, _)| (k as u32 % width, k as u32 / width));
+        let bounds = pixels.fold(None, |bounds: Option<[u32; 4]>, (x, y)| match bounds {
+            None => Some([x, y, x + 1, y + 1]),
+            Some([x0, y0, x1, y1]) => Some([x0.min(x), y0.min(y), x1.max(x + 1), y1.max(y + 1)]),
+        });
+        let margin = (CONTACT_MARGIN_MM / self.sensor.camera.mm_per_px).ceil() as u32;
+        bounds.map(|[x0, y0, x1, y1]| {
+            let (right, low) = ((x1 + margin).min(width), (y1 + margin).min(height));
+            [x0.saturating_sub(margin), y0.saturating_sub(margin), right, low]
+        })
     }
 }
 
@@ -121,7 +119,7 @@ impl View {
 const CONTACT_MARGIN_MM: f64 = 0.7;
 
 /// The elastomer's surface in the optics' words.
-fn displaced(surface: &Surface) -> DisplacedSurface {
+pub(super) fn displaced(surface: &Surface) -> DisplacedSurface {
     DisplacedSurface {
         nx: surface.nx,
         ny: surface.ny,

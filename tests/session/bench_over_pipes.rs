@@ -15,7 +15,8 @@ use twinrig::device::mover::{Mover, MoverError};
 use twinrig::device::virtual_bench::picture::look::SensorLook;
 use twinrig::device::virtual_bench::serve::{SharedDevice, serve, with};
 use twinrig::device::virtual_bench::{
-    CameraFaults, Emulator, EmulatorOptions, Fault, FaultKind, Faulty, Trigger, VirtualCamera, World,
+    CameraFaults, Emulator, EmulatorOptions, Fault, FaultKind, FaultPlan, Faulty, Trigger, VirtualCamera,
+    World,
 };
 use twinrig::pose::Pose;
 use twinrig::protocol::StopKind;
@@ -100,6 +101,14 @@ fn true_axes(world: &World, now: Timestamp) -> Vec<f64> {
 impl TestBench {
     /// Connects everything; nothing moves.
     pub async fn new(wanted: &Wanted) -> Result<TestBench, Refused> {
+        Self::with_faults(wanted, &BTreeMap::new()).await
+    }
+
+    /// As [`TestBench::new`], with devices whose dialogue will go wrong.
+    pub async fn with_faults(
+        wanted: &Wanted,
+        faults: &BTreeMap<String, FaultPlan>,
+    ) -> Result<TestBench, Refused> {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs");
         let plan = root.join(format!("plans/{}.toml", wanted.plan));
         let setup = config::load(&root.join("virtual.toml"), Some(&plan), &wanted.sets)
@@ -115,7 +124,10 @@ impl TestBench {
             let (table, now) = (spec.emulator.as_ref().unwrap(), clock.now());
             let options = EmulatorOptions::default();
             let emulator = Emulator::new(table, name, &settings.axes, &options, world.clone(), now).unwrap();
-            let device: SharedDevice = Arc::new(Mutex::new(Faulty::sound(emulator, now)));
+            let device: SharedDevice = {
+                let plan = faults.get(name).cloned().unwrap_or_default();
+                Arc::new(Mutex::new(Faulty::new(emulator, plan, now)))
+            };
             let (near, far) = tokio::io::duplex(4096);
             let served = device.clone();
             tokio::spawn(async move { serve(far, &served, clock).await });
@@ -151,8 +163,15 @@ impl TestBench {
         };
         let camera = VirtualCamera::new(&rig.camera, look, world.clone(), clock);
         let faults = camera.faults();
-        let bench =
-            Bench { movers, map: rig.motion.clone(), camera: Box::new(camera), clock, stop, rested_at: None };
+        let bench = Bench {
+            movers,
+            map: rig.motion.clone(),
+            camera: Box::new(camera),
+            clock,
+            stop,
+            reached: None,
+            rested_at: None,
+        };
         let (answer, mounts, struck_at) = (Some(true), true, Arc::default());
         Ok(TestBench {
             bench,
@@ -254,6 +273,16 @@ impl TestBench {
         self.struck_at.lock().unwrap().expect("a fault was planned")
     }
 
+    /// How many bytes a device has replied.
+    pub fn reply_bytes(&self, device: &str) -> u64 {
+        with(&self.devices[device], |d| d.reply_bytes())
+    }
+
+    /// Whether the fault planned for a device has struck.
+    pub fn has_struck(&self, device: &str) -> bool {
+        with(&self.devices[device], |d| !d.struck().is_empty())
+    }
+
     /// Everything that was sent to a device, as text.
     pub fn sent(&self, device: &str) -> String {
         String::from_utf8_lossy(&self.sent[device].0.lock().unwrap()).into_owned()
@@ -275,6 +304,24 @@ impl TestBench {
         let before = true_axes(&self.world, self.clock.now());
         self.clock.sleep(Duration::from_secs(60)).await;
         assert_eq!(true_axes(&self.world, self.clock.now()), before, "something moves after the end");
+    }
+}
+
+impl TestBench {
+    /// What the faulty device was doing when it was lost it may finish; nothing else begins to move.
+    pub async fn assert_ends_at_rest(&self, faulty: &str, tried: &str) {
+        let now = |b: &Self| true_axes(&b.world, b.clock.now());
+        let before = now(self);
+        self.clock.sleep(Duration::from_secs(60)).await;
+        let finished = now(self);
+        for (i, (device, axis)) in AXES.iter().enumerate() {
+            assert!(
+                *device == faulty || before[i] == finished[i],
+                "{tried}: {device} {axis} moves after the end"
+            );
+        }
+        self.clock.sleep(Duration::from_secs(60)).await;
+        assert_eq!(now(self), finished, "{tried}: something moves a minute after the end");
     }
 }
 

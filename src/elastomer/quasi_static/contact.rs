@@ -1,12 +1,20 @@
 //! Contact of the face with the indenter: unilateral in the normal, sticking or Coulomb in the tangent.
 //!
 //! The face carries sample points, `per_axis` squared to a cell. At a point with gap g (the indenter's
-//! signed distance) and multiplier l the pressure is p = max(0, l - k g): an augmented Lagrangian, whose
-//! multipliers are brought up to date between solves until the penetration they leave vanishes
-//! (Simo and Laursen 1992). A point that touches gets an anchor on the indenter; the tangential traction is
-//! a spring to the anchor, capped at the friction bound, which is held fixed during a solve and brought
-//! up to date between solves, so that every solve minimises a potential. Anchors are dropped on
-//! separation, after a solve and never inside it.
+//! signed distance) and its cell's multiplier l the pressure is p = max(0, l - k g): an augmented Lagrangian
+//! (Simo and Laursen 1992), whose multipliers are brought up to date between solves until each is the mean
+//! pressure of its cell. One multiplier to a cell is as many as the face has control points: with one to a
+//! sample they fight one another (half of the points under a flat punch carry everything), and with one sample
+//! to a cell the face bulges through between the samples of a punch (17 % of a frictionless moon's force).
+//!
+//! A point that touches gets an anchor on the indenter; the tangential traction is a multiplier and a spring
+//! to the anchor, capped at the friction bound, which is held fixed during a solve and brought up to date
+//! between solves, so that every solve minimises a potential. Anchors are dropped on separation, after a
+//! solve and never inside it.
+//!
+//! Infinite friction has a strength, too: beyond [`STICK_STRENGTH`] shear moduli of traction a point slips.
+//! A neo-Hookean face sheared much further folds ahead of the contact (Biot's surface instability), finer than
+//! the grid can follow. Short slides do not notice; long ones drag at this traction instead of more.
 
 use super::grid::{Grid, uniform_values};
 use crate::elastomer::Friction;
@@ -17,10 +25,20 @@ use glam::DVec3;
 /// Penetration beyond which the nearest side of the indenter is not trusted, mm.
 const DEEP_MM: f64 = 0.02;
 
-/// Friction coefficient beyond which a sticking point peels off: pads do not hold by an edge under no
+/// Tangential over normal penalty with infinite friction, and with a coefficient: the softer, the milder the
+/// kink between holding and slipping, which Newton's steps would overshoot; multipliers take the error out.
+const STICK_SOFTNESS: f64 = 0.3;
+/// See [`STICK_SOFTNESS`].
+const SLIP_SOFTNESS: f64 = 0.1;
+
+/// Friction coefficient at which even infinite friction slips: pads do not hold by an edge under no
 /// pressure, and released one by one such points would unzip for hundreds of solves. Found by experiment:
 /// forces of slides and turns do not notice.
 const PEEL_COEFFICIENT: f64 = 20.0;
+
+/// Largest tangential traction of infinite friction over the shear modulus. Found by experiment: a sphere of
+/// radius 3 pressed 0.5 mm does not notice it at 0.5 mm of slide and drags 12 % less than with 3 at 1 mm.
+pub const STICK_STRENGTH: f64 = 1.5;
 
 /// Where a point holds on to the indenter.
 #[derive(Debug, Clone, Copy)]
@@ -31,6 +49,16 @@ pub struct Anchor {
     normal: DVec3,
     /// Largest tangential traction, MPa.
     bound: f64,
+    /// Tangential multiplier: the traction on the pad with no slip since the anchor was set, MPa.
+    held: DVec3,
+}
+
+impl Anchor {
+    /// Tangential traction on the pad of a point at `p`, were there no bound.
+    fn trial(&self, p: DVec3, stiffness: f64) -> DVec3 {
+        let d = p - self.at;
+        self.held - (d - self.normal * self.normal.dot(d)) * stiffness
+    }
 }
 
 /// A sample point of the face.
@@ -40,8 +68,10 @@ struct Sample {
     sub: usize,
     /// Rest position.
     rest: DVec3,
-    /// Normal multiplier, MPa.
+    /// Normal multiplier of its cell, MPa.
     multiplier: f64,
+    /// Whether it carried pressure at the last update.
+    loaded: bool,
     anchor: Option<Anchor>,
     /// Let go in this increment: the point stays without anchor until the increment ends, or it could
     /// hold and slip in turn for ever.
@@ -82,6 +112,24 @@ pub struct Active {
     pub normal: DVec3,
 }
 
+/// How much traction the face can take along the indenter.
+#[derive(Debug, Clone, Copy)]
+struct FrictionLaw {
+    friction: Friction,
+    /// Largest tangential traction of infinite friction, MPa.
+    strength: f64,
+}
+
+impl FrictionLaw {
+    /// Largest tangential traction under a pressure, MPa.
+    fn bound(self, pressure: f64) -> f64 {
+        match self.friction {
+            Friction::Infinite => self.strength.min(PEEL_COEFFICIENT * pressure),
+            Friction::Coefficient(mu) => mu * pressure,
+        }
+    }
+}
+
 /// What changed between two solves.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Updated {
@@ -105,7 +153,9 @@ pub struct Contacts {
     area: f64,
     /// Penalty, MPa/mm.
     stiffness: f64,
-    friction: Friction,
+    /// Tangential penalty, MPa/mm.
+    tangential: f64,
+    law: FrictionLaw,
     /// Points that carried pressure pull as well as push, and no others act: for predictions.
     bilateral: bool,
     plane: usize,
@@ -115,7 +165,7 @@ pub struct Contacts {
 
 impl Contacts {
     /// Samples over the whole face.
-    pub fn new(grid: &Grid, per_axis: usize, stiffness: f64, friction: Friction) -> Self {
+    pub fn new(grid: &Grid, per_axis: usize, stiffness: f64, friction: Friction, strength: f64) -> Self {
         let mut samples = Vec::with_capacity(grid.nx * grid.ny * per_axis * per_axis);
         let offset = |s: usize| (s as f64 + 0.5) / per_axis as f64;
         for j in 0..grid.ny {
@@ -128,6 +178,7 @@ impl Contacts {
                         sub,
                         rest: DVec3::new(x, y, 0.0),
                         multiplier: 0.0,
+                        loaded: false,
                         anchor: None,
                         let_go: false,
                         gap: f64::INFINITY,
@@ -147,7 +198,9 @@ impl Contacts {
             per_axis,
             area: grid.hx * grid.hy / (per_axis * per_axis) as f64,
             stiffness,
-            friction,
+            tangential: stiffness
+                * if friction == Friction::Infinite { STICK_SOFTNESS } else { SLIP_SOFTNESS },
+            law: FrictionLaw { friction, strength },
             bilateral: false,
             plane: grid.plane(),
             cx: grid.cx(),
@@ -160,8 +213,10 @@ impl Contacts {
         &self.active
     }
 
-    fn has_tangent(&self) -> bool {
-        self.friction != Friction::Coefficient(0.0)
+    /// Largest tangential traction under a pressure, MPa.
+    /// Whether there is friction.
+    pub fn has_friction(&self) -> bool {
+        self.law.friction != Friction::Coefficient(0.0)
     }
 
     fn value(&self, u: &[f32], cell: [usize; 2], sub: usize) -> DVec3 {
@@ -210,7 +265,7 @@ impl Contacts {
         let [hx, hy] = indenter.half_extent_mm();
         let (sin, cos) = pose.theta_deg.to_radians().sin_cos();
         let to_pad = |v: DVec3| DVec3::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y, v.z);
-        let (k, area) = (self.stiffness, self.area);
+        let (k, kt, area) = (self.stiffness, self.tangential, self.area);
         let mut active = std::mem::take(&mut self.active);
         active.clear();
         let mut samples = std::mem::take(&mut self.samples);
@@ -220,8 +275,10 @@ impl Contacts {
             s.seen = p;
             s.pressure = 0.0;
             s.gap = f64::INFINITY;
-            let near = p.z >= 0.0 && p.x.abs() <= hx && p.y.abs() <= hy;
-            let held = s.multiplier > 0.0;
+            // A multiplier acts across a small gap.
+            let reach = s.multiplier / k;
+            let near = p.z >= -reach && p.x.abs() <= hx + reach && p.y.abs() <= hy + reach;
+            let held = s.loaded;
             if (self.bilateral || !near) && !held && s.anchor.is_none() {
                 continue;
             }
@@ -242,18 +299,17 @@ impl Contacts {
                 add_outer(&mut matrix, normal, k);
             }
             if let Some(anchor) = &s.anchor {
-                // Tangential spring, capped: k (I - n n^T) while it sticks, else the cap's own tangent.
-                let d = p - anchor.at;
-                let d = d - anchor.normal * anchor.normal.dot(d);
-                let length = d.length();
-                let slope = if k * length > anchor.bound { anchor.bound / length } else { k };
-                force -= d * slope;
+                // Tangential traction, capped: stiffness kt (I - n n^T) while it sticks, else the cap's own.
+                let trial = anchor.trial(p, kt);
+                let length = trial.length();
+                let part = if length > anchor.bound { anchor.bound / length } else { 1.0 };
+                force += trial * part;
                 for v in [DVec3::X, DVec3::Y, DVec3::Z] {
                     let t = v - anchor.normal * anchor.normal.dot(v);
-                    add_outer(&mut matrix, t, slope);
+                    add_outer(&mut matrix, t, part * kt);
                 }
-                if k * length > anchor.bound && length > 0.0 {
-                    add_outer(&mut matrix, d / length, -slope);
+                if part < 1.0 {
+                    add_outer(&mut matrix, trial / length, -part * kt);
                 }
             }
             let stiffness = rotate(&matrix, sin, cos).map(|v| v * area);
@@ -354,41 +410,48 @@ impl Contacts {
     /// Brings multipliers, anchors and friction bounds up to date after a solve at `pose`.
     pub fn update(&mut self, indenter: &dyn Indenter, pose: &Pose, old_pose: &Pose, u: &[f32]) -> Updated {
         let mut out = Updated::default();
-        let tangent = self.has_tangent();
+        let tangent = self.has_friction();
         let (mut change, mut total) = (0.0, 0.0);
         let mut samples = std::mem::take(&mut self.samples);
-        for s in &mut samples {
-            if s.pressure > 0.0 {
-                out.violation_mm = out.violation_mm.max(s.gap.abs());
-            }
-            s.multiplier = s.pressure;
-            if !tangent {
-                continue;
-            }
-            let bound = match self.friction {
-                Friction::Infinite => f64::INFINITY,
-                Friction::Coefficient(mu) => mu * s.pressure,
-            };
-            // A point that would need more than this much friction peels rather than holds.
-            let peels = s.anchor.as_ref().is_some_and(|a| {
-                let d = s.seen - a.at;
-                let d = d - a.normal * a.normal.dot(d);
-                bound.is_infinite() && self.stiffness * d.length() > PEEL_COEFFICIENT * s.pressure
-            });
-            if s.pressure == 0.0 || peels {
-                if s.anchor.take().is_some() {
-                    s.let_go = true;
-                    out.events += 1;
+        let count = self.per_axis * self.per_axis;
+        for cell in samples.chunks_mut(count) {
+            let mean = cell.iter().map(|s| s.pressure).sum::<f64>() / count as f64;
+            out.violation_mm = out.violation_mm.max((mean - cell[0].multiplier).abs() / self.stiffness);
+            let (mut held, mut holding) = (DVec3::ZERO, 0);
+            for s in cell.iter_mut() {
+                s.multiplier = mean;
+                s.loaded = s.pressure > 0.0;
+                if !tangent {
+                    continue;
                 }
-            } else if let Some(anchor) = &mut s.anchor {
-                if bound.is_finite() {
-                    change += (anchor.bound - bound).abs();
-                    total += bound;
+                let bound = self.law.bound(s.pressure);
+                if !s.loaded {
+                    if s.anchor.take().is_some() {
+                        s.let_go = true;
+                        out.events += 1;
+                    }
+                } else if let Some(anchor) = &mut s.anchor {
+                    let trial = anchor.trial(s.seen, self.tangential);
+                    let now = trial.clamp_length_max(bound);
+                    change += (now - trial.clamp_length_max(anchor.bound)).length();
+                    total += s.pressure.max(now.length());
                     anchor.bound = bound;
+                    held += now;
+                    holding += 1;
+                } else if !s.let_go {
+                    s.anchor = Some(self.touch(s, indenter, pose, old_pose, u, bound));
+                    out.events += 1;
+                    holding += 1;
                 }
-            } else if !s.let_go {
-                s.anchor = Some(self.touch(s, indenter, pose, old_pose, u, bound));
-                out.events += 1;
+            }
+            // The multipliers become the cell's mean traction, as far as the bounds allow.
+            held /= f64::from(holding.max(1));
+            for anchor in cell.iter_mut().filter_map(|s| s.anchor.as_mut()) {
+                let now = held.clamp_length_max(anchor.bound);
+                if now.length() < anchor.bound {
+                    change += (now - anchor.held).length();
+                }
+                anchor.held = now;
             }
         }
         self.samples = samples;
@@ -414,9 +477,9 @@ impl Contacts {
         let (gap, normal) = indenter.distance_and_normal(p);
         match s.entry {
             Some(e) if gap < -DEEP_MM && normal.dot(e.normal) < 0.8 => {
-                Anchor { at: e.at, normal: e.normal, bound }
+                Anchor { at: e.at, normal: e.normal, bound, held: DVec3::ZERO }
             }
-            _ => Anchor { at: p - normal * gap, normal, bound },
+            _ => Anchor { at: p - normal * gap, normal, bound, held: DVec3::ZERO },
         }
     }
 
@@ -426,21 +489,20 @@ impl Contacts {
             if s.let_go && s.pressure > 0.0 {
                 // Touching again: it holds where it is, without traction.
                 let (_, normal) = indenter.distance_and_normal(s.seen);
-                let bound = match self.friction {
-                    Friction::Infinite => f64::INFINITY,
-                    Friction::Coefficient(mu) => mu * s.pressure,
-                };
-                s.anchor = Some(Anchor { at: s.seen - normal * s.gap, normal, bound });
+                let bound = self.law.bound(s.pressure);
+                s.anchor = Some(Anchor { at: s.seen - normal * s.gap, normal, bound, held: DVec3::ZERO });
             }
             let Some(anchor) = &mut s.anchor else { continue };
-            let d = s.seen - anchor.at;
-            let d = d - anchor.normal * anchor.normal.dot(d);
-            let length = d.length();
-            if self.stiffness * length > anchor.bound {
-                let stretch = anchor.bound / self.stiffness;
-                let (_, normal) = indenter.distance_and_normal(s.seen);
-                anchor.at = s.seen - d * (stretch / length);
-                anchor.normal = normal;
+            let trial = anchor.trial(s.seen, self.tangential);
+            if trial.length() > anchor.bound {
+                let (gap, normal) = indenter.distance_and_normal(s.seen);
+                let along = (trial - normal * normal.dot(trial)).normalize_or_zero();
+                *anchor = Anchor {
+                    at: s.seen - normal * gap,
+                    normal,
+                    bound: anchor.bound,
+                    held: along * anchor.bound,
+                };
             }
         }
     }
@@ -450,6 +512,7 @@ impl Contacts {
         self.active.clear();
         for s in &mut self.samples {
             s.multiplier = 0.0;
+            s.loaded = false;
             s.anchor = None;
             s.pressure = 0.0;
             s.gap = f64::INFINITY;
@@ -477,11 +540,14 @@ impl Contacts {
         let (mut sum, mut n) = (0.0, 0);
         let corners = [[1.0, 0.0], [0.0, 1.0]].map(|[a, b]: [f64; 2]| [0.5 * a, 0.5, 0.5 * b]);
         let half = self.area.sqrt() * self.per_axis as f64 / 2.0;
-        for s in self.samples.iter().filter(|s| s.pressure > 0.0 && s.sub == 0) {
+        let count = self.per_axis * self.per_axis;
+        for cell in self.samples.chunks(count).filter(|cell| cell.iter().any(|s| s.pressure > 0.0)) {
+            let s = &cell[0];
+            let middle = cell.iter().map(|s| s.rest).sum::<DVec3>() / count as f64;
             for (x, wx) in corners.iter().enumerate() {
                 for (y, wy) in corners.iter().enumerate() {
                     let side = |k: usize| if k == 0 { -half } else { half };
-                    let mut p = s.rest + DVec3::new(side(x), side(y), 0.0);
+                    let mut p = middle + DVec3::new(side(x), side(y), 0.0);
                     let mut moved = [0.0; 3];
                     for (c, o) in moved.iter_mut().enumerate() {
                         for b in 0..3 {

@@ -7,6 +7,9 @@
 //! - fixed-corotated: W = mu |F - R|^2 + lambda/2 (J' - 1)^2, P = 2 mu (F - R) + lambda (J' - 1) C;
 //! - neo-Hookean: W = mu/2 (|F|^2 - 3) - mu ln J + lambda/2 (ln J')^2, P = mu (F - C/J) + lambda ln J'/J' C.
 //!
+//! Volume uneven within a cell would cost next to nothing, and cells under a sharp edge collapse that way; so it
+//! costs kappa/2 (J - J')^2, kappa a few mu: nothing in a homogeneous deformation, and no locking.
+//!
 //! The fixed-corotated pressure saturates in compression, so its points could turn inside out at a sharp
 //! edge. A barrier b(J) = lambda (J0 - J)^3 / J below J0 = 0.25 prevents that; above, it is exactly zero.
 //!

@@ -12,6 +12,7 @@
 
 use super::grid::{CellBasis, Grid};
 use super::lanes::{Kernel, Lanes, WIDTH, dispatch};
+use super::operator::evenness;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
@@ -130,6 +131,7 @@ impl RestLayer {
     /// Factors the rest state of a pad with Lame parameters in MPa.
     pub fn new(grid: &Grid, mu: f64, lambda: f64) -> Self {
         let (x, y) = (Waves::new(grid.cx()), Waves::new(grid.cy()));
+        let evenness = evenness(mu, lambda);
         let layers = grid.layers();
         let rows = 3 * (layers - 1);
         assert!(rows <= MOST_ROWS, "a grid has at most {} layers", MOST_ROWS / 3);
@@ -141,7 +143,7 @@ impl RestLayer {
             let sy = symbols(&grid.y, grid.hy, TAU * ty as f64 / y.n as f64);
             for tx in 0..=x.n / 2 {
                 let sx = symbols(&grid.x, grid.hx, TAU * tx as f64 / x.n as f64);
-                let factor = factor_mode(grid, mu, lambda, &sx, &sy);
+                let factor = factor_mode(grid, mu, lambda, evenness, &sx, &sy);
                 // The same system serves cos and sin.
                 for m in (0..x.n).filter(|m| x.number[*m] == tx) {
                     let base = (m / WIDTH) * per_block + m % WIDTH;
@@ -293,7 +295,14 @@ const OUTER_SCALE: f32 = 2.2;
 const INNER_SCALE: f32 = 1.1;
 
 /// Assembles and factors (L D L^T) one mode. Row order: layer, then component.
-fn factor_mode(grid: &Grid, mu: f64, lambda: f64, sx: &[Symbol; 2], sy: &[Symbol; 2]) -> Vec<f64> {
+fn factor_mode(
+    grid: &Grid,
+    mu: f64,
+    lambda: f64,
+    evenness: f64,
+    sx: &[Symbol; 2],
+    sy: &[Symbol; 2],
+) -> Vec<f64> {
     let layers = grid.layers();
     let rows = 3 * (layers - 1);
     // a[row][BAND - (row - column)] holds the lower triangle.
@@ -314,15 +323,17 @@ fn factor_mode(grid: &Grid, mu: f64, lambda: f64, sx: &[Symbol; 2], sy: &[Symbol
                 let (m1, s1) = (h * mean_v[p] * mean_v[q], h * mean_d[p] * mean_d[q]);
                 let (dv1, vd1) = (h * mean_d[p] * mean_v[q], h * mean_v[p] * mean_d[q]);
                 let ([x, x1], [y, y1]) = (sx, sy);
+                // Volume: cell means carry lambda less what levels volume out, full quadrature carries that.
+                let (mean, even) = (lambda - evenness, evenness);
                 let shear = mu * (x.stiffness * y.mass * m + x.mass * y.stiffness * m + x.mass * y.mass * s);
-                let xx = lambda * x1.stiffness * y1.mass * m1 + mu * x.stiffness * y.mass * m + shear;
-                let yy = lambda * x1.mass * y1.stiffness * m1 + mu * x.mass * y.stiffness * m + shear;
-                let zz = lambda * x1.mass * y1.mass * s1 + mu * x.mass * y.mass * s + shear;
-                let xy = lambda * x1.cross * y1.cross * m1 + mu * x.cross * y.cross * m;
-                let xz = mu * x.cross * y.mass * dv - lambda * x1.cross * y1.mass * vd1;
-                let yz = mu * x.mass * y.cross * dv - lambda * x1.mass * y1.cross * vd1;
-                let zx = mu * x.cross * y.mass * vd - lambda * x1.cross * y1.mass * dv1;
-                let zy = mu * x.mass * y.cross * vd - lambda * x1.mass * y1.cross * dv1;
+                let xx = mean * x1.stiffness * y1.mass * m1 + (even + mu) * x.stiffness * y.mass * m + shear;
+                let yy = mean * x1.mass * y1.stiffness * m1 + (even + mu) * x.mass * y.stiffness * m + shear;
+                let zz = mean * x1.mass * y1.mass * s1 + (even + mu) * x.mass * y.mass * s + shear;
+                let xy = mean * x1.cross * y1.cross * m1 + (even + mu) * x.cross * y.cross * m;
+                let xz = x.cross * y.mass * (mu * dv - even * vd) - mean * x1.cross * y1.mass * vd1;
+                let yz = x.mass * y.cross * (mu * dv - even * vd) - mean * x1.mass * y1.cross * vd1;
+                let zx = x.cross * y.mass * (mu * vd - even * dv) - mean * x1.cross * y1.mass * dv1;
+                let zy = x.mass * y.cross * (mu * vd - even * dv) - mean * x1.mass * y1.cross * dv1;
                 let block = [[xx, xy, xz], [xy, yy, yz], [zx, zy, zz]];
                 for (i, line) in block.iter().enumerate() {
                     for (j, v) in line.iter().enumerate() {

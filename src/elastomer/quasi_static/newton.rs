@@ -109,6 +109,12 @@ impl Newton {
         self.residual = residual;
     }
 
+    /// Least volume ratio at displacement `u`.
+    pub fn least_volume(&mut self, operator: &Operator, u: &[f32]) -> f32 {
+        self.trial_residual.resize(operator.grid().field_len(), 0.0);
+        operator.evaluate(u, &mut self.trial_residual, &mut self.tangent).least_volume
+    }
+
     /// Solves for the displacement, beginning at `u`.
     pub fn solve(&mut self, problem: &Problem<'_>, contacts: &mut Contacts, u: &mut Vec<f32>) -> Outcome {
         let grid = problem.machine.operator.grid();

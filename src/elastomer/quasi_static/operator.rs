@@ -16,7 +16,9 @@ use crate::elastomer::Law;
 use rayon::prelude::*;
 
 /// Numbers stored per cell beside those of its points.
-const CELL_FIELDS: usize = 2;
+const CELL_FIELDS: usize = 3;
+/// Stiffness against uneven volume within a cell over the shear modulus.
+const EVENNESS: f64 = 4.0;
 /// A point with less volume than this counts as inverted.
 pub const LEAST_VOLUME: f32 = 0.01;
 
@@ -36,6 +38,8 @@ pub struct Operator {
     law: Law,
     mu: f32,
     lambda: f32,
+    /// Stiffness against uneven volume within a cell, MPa.
+    evenness: f32,
     slabs: Vec<(usize, usize)>,
     tables: Tables,
 }
@@ -55,6 +59,11 @@ pub struct Tangent {
     data: Vec<f32>,
 }
 
+/// Stiffness against uneven volume within a cell, MPa.
+pub fn evenness(mu: f64, lambda: f64) -> f64 {
+    (EVENNESS * mu).min(lambda)
+}
+
 impl Operator {
     /// The operator of `law` with Lame parameters in MPa on a grid.
     pub fn new(grid: Grid, law: Law, mu: f64, lambda: f64) -> Self {
@@ -71,7 +80,8 @@ impl Operator {
         // Four rows to a slab keep the overlap small and leave enough slabs for every core.
         let count = (grid.ny / 4).max(1);
         let slabs = (0..count).map(|s| (s * grid.ny / count, (s + 1) * grid.ny / count)).collect();
-        Self { grid, law, mu: mu as f32, lambda: lambda as f32, slabs, tables }
+        let evenness = evenness(mu, lambda) as f32;
+        Self { grid, law, mu: mu as f32, lambda: lambda as f32, evenness, slabs, tables }
     }
 
     /// The grid.
@@ -398,9 +408,14 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
         };
         pressure.store(&mut data[0..]);
         slope.store(&mut data[WIDTH..]);
+        mean.add(one).store(&mut data[2 * WIDTH..]);
+        let even = L::splat(op.evenness);
         for (p, h) in grad.iter_mut().enumerate() {
             let f = plus_identity(h);
             let c = cofactor(&f);
+            let uneven = j1[p].sub(mean);
+            let leveling = even.mul(uneven);
+            energy = L::splat(0.5).mul(leveling).fma(uneven, energy);
             match op.law {
                 Law::FixedCorotated => {
                     let r = rotation(&f);
@@ -418,7 +433,7 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
                     }
                     let [wall, push, _] = barrier(j1[p].add(one));
                     energy = lambda.fma(wall, energy);
-                    let pressure = lambda.fma(push, pressure);
+                    let pressure = lambda.fma(push, pressure).add(leveling);
                     let two_mu = mu.add(mu);
                     for i in 0..3 {
                         for j in 0..3 {
@@ -431,7 +446,7 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
                 Law::NeoHookean => {
                     let data = &mut data[(CELL_FIELDS + p * NEO_HOOKEAN_FIELDS) * WIDTH..];
                     let inv = one.div(j1[p].add(one));
-                    let factor = inv.fnma(mu, pressure);
+                    let factor = inv.fnma(mu, pressure).add(leveling);
                     let half_mu = mu.mul(L::splat(0.5));
                     energy = lanes_ln_1p(j1[p]).fnma(mu, energy);
                     for i in 0..3 {
@@ -503,12 +518,14 @@ impl<L: Lanes> CellWork<L> for ApplyCorotated<'_> {
         let data = &self.data[at..at + (CELL_FIELDS + 8 * COROTATED_FIELDS) * WIDTH];
         let two_mu = L::splat(2.0 * self.op.mu);
         let (pressure, slope) = (L::load(data), L::load(&data[WIDTH..]));
+        let even = L::splat(self.op.evenness);
         let mut change = L::splat(0.0);
         for (p, d) in grad.iter().enumerate() {
             let f = read_matrix::<L>(&data[(CELL_FIELDS + p * COROTATED_FIELDS) * WIDTH..]);
             change = change.add(inner(&cofactor(&f), d));
         }
-        let change = change.mul(slope).mul(L::splat(0.125));
+        let change = change.mul(slope.sub(even)).mul(L::splat(0.125));
+        let pressure = even.fnma(L::load(&data[2 * WIDTH..]), pressure);
         let lambda = L::splat(self.op.lambda);
         for (p, d) in grad.iter_mut().enumerate() {
             let data = &data[(CELL_FIELDS + p * COROTATED_FIELDS) * WIDTH..];
@@ -521,8 +538,8 @@ impl<L: Lanes> CellWork<L> for ApplyCorotated<'_> {
             let (c, dc, dr) = (cofactor(&f), cofactor_change(&f, d), rotation_change(&r, &k, d));
             let det = f[0][0].fma(c[0][0], f[0][1].fma(c[0][1], f[0][2].mul(c[0][2])));
             let [_, push, stiffen] = barrier(det);
-            let pressure = lambda.fma(push, pressure);
-            let change = lambda.mul(stiffen).fma(inner(&c, d), change);
+            let pressure = lambda.fma(push, pressure).add(even.mul(det));
+            let change = lambda.fma(stiffen, even).fma(inner(&c, d), change);
             for i in 0..3 {
                 for j in 0..3 {
                     let twist = two_mu.mul(d[i][j].sub(dr[i][j]));
@@ -551,15 +568,17 @@ impl<L: Lanes> CellWork<L> for ApplyNeoHookean<'_> {
             own[p] = inner(&cofactor(&f), d);
             mean = mean.add(own[p]);
         }
-        let mean = mean.mul(slope).mul(L::splat(0.125));
+        let even = L::splat(self.op.evenness);
+        let mean = mean.mul(slope.sub(even)).mul(L::splat(0.125));
+        let pressure = even.fnma(L::load(&data[2 * WIDTH..]), pressure);
         for (p, d) in grad.iter_mut().enumerate() {
             let f = read_matrix::<L>(&data[(CELL_FIELDS + p * NEO_HOOKEAN_FIELDS) * WIDTH..]);
             let (c, dc) = (cofactor(&f), cofactor_change(&f, d));
             let det = f[0][0].fma(c[0][0], f[0][1].fma(c[0][1], f[0][2].mul(c[0][2])));
             let inv = L::splat(1.0).div(det);
             let mu_j = mu.mul(inv);
-            let factor = pressure.sub(mu_j);
-            let along = mu_j.mul(inv).fma(own[p], mean);
+            let factor = even.fma(det, pressure.sub(mu_j));
+            let along = mu_j.fma(inv, even).fma(own[p], mean);
             for i in 0..3 {
                 for j in 0..3 {
                     d[i][j] = along.fma(c[i][j], factor.fma(dc[i][j], mu.mul(d[i][j])));

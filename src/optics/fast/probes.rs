@@ -4,17 +4,20 @@
 //! normal is then fitted by a quadratic polynomial in the normal (the span of spherical harmonics up to order 2, which
 //! hold all but 1 % of any irradiance: Ramamoorthi and Hanrahan 2001), best for the normals that pads have.
 
-use super::grid::{Grid, Layout};
+use super::grid::{Grid, Layout, Places};
+use super::lanes::{Eight, Vectors};
 use super::radiosity::Radiosity;
 use super::world::World;
+use crate::optics::sampler::hash;
 use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
 
 /// Terms of the polynomial.
 pub const TERMS: usize = 9;
 /// Numbers a node holds: terms of three colours.
 pub const NUMBERS: usize = 3 * TERMS;
 /// Rays gathered at a node.
-const RAYS: usize = 4096;
+const RAYS: usize = 2048;
 /// Steepest normals of the fit, and at which tilt their weight has fallen to a half, radians.
 const STEEPEST: f64 = 1.25;
 const HALF_WEIGHT: f64 = 0.35;
@@ -27,8 +30,24 @@ fn terms(n: Vec3) -> [f32; TERMS] {
     [1.0, n.x, n.y, n.z, n.x * n.y, n.y * n.z, n.z * n.x, n.x * n.x - n.y * n.y, 3.0 * n.z * n.z - 1.0]
 }
 
-/// The irradiance of a normal from a node's numbers.
+/// All terms but the first, which is 1, of eight normals.
 #[inline(always)]
+pub fn terms_of(n: Vectors) -> [Eight; TERMS - 1] {
+    let three = Eight::all(3.0);
+    [
+        n.x,
+        n.y,
+        n.z,
+        n.x * n.y,
+        n.y * n.z,
+        n.z * n.x,
+        n.x * n.x - n.y * n.y,
+        three * n.z * n.z - Eight::all(1.0),
+    ]
+}
+
+/// The irradiance of a normal from a node's numbers.
+#[cfg(test)]
 pub fn irradiance(numbers: &[f32; NUMBERS], n: Vec3) -> Vec3 {
     let t = terms(n);
     let mut e = Vec3::ZERO;
@@ -38,29 +57,55 @@ pub fn irradiance(numbers: &[f32; NUMBERS], n: Vec3) -> Vec3 {
     e.max(Vec3::ZERO)
 }
 
-/// Gathers the field over a rectangle.
+/// Gathers the field over a rectangle, for each light of radiance 1.
 pub fn gather(
     world: &World,
     solved: &Radiosity,
     layout: &Layout,
     rest: impl Fn(Vec2) -> f32 + Sync,
-) -> Grid<NUMBERS> {
+) -> Vec<Grid<NUMBERS>> {
     let directions = sphere(RAYS);
     let kernel = kernel(&directions);
-    Grid::new(layout, rest, |point| {
-        let origin = point + Vec3::Z * CLEARANCE_MM;
-        let mut numbers = [0.0; NUMBERS];
-        for (direction, weights) in directions.iter().zip(&kernel) {
-            let Some(met) = world.trace(origin, *direction) else { continue };
-            let radiance = solved.radiance[met.element];
-            for k in 0..TERMS {
-                numbers[3 * k] += weights[k] * radiance.x;
-                numbers[3 * k + 1] += weights[k] * radiance.y;
-                numbers[3 * k + 2] += weights[k] * radiance.z;
+    let places = Places::new(layout, rest);
+    let nodes: Vec<Vec<[f32; NUMBERS]>> = (0..places.count())
+        .into_par_iter()
+        .map(|node| {
+            let origin = places.point(node) + Vec3::Z * CLEARANCE_MM;
+            let mut numbers = vec![[0.0; NUMBERS]; solved.lights];
+            for (k, (direction, weights)) in directions.iter().zip(&kernel).enumerate() {
+                let mut dice = hash(node as u32, k as u32);
+                let Some((met, clear)) = world.follow(origin, *direction, &mut dice) else { continue };
+                // A light below the plate is mirrored in it; one above is seen through it, which is direct light.
+                if let Some(light) = met.light.filter(|_| clear && met.front && world.below(met.hit.point)) {
+                    (0..NUMBERS).for_each(|j| numbers[light][j] += weights[j / 3]);
+                }
+                for (numbers, radiance) in numbers.iter_mut().zip(solved.radiance(met.element)) {
+                    for k in 0..TERMS {
+                        numbers[3 * k] += weights[k] * radiance.x;
+                        numbers[3 * k + 1] += weights[k] * radiance.y;
+                        numbers[3 * k + 2] += weights[k] * radiance.z;
+                    }
+                }
+            }
+            numbers
+        })
+        .collect();
+    let of_light = |l: usize| nodes.iter().map(|n| n[l]).collect();
+    (0..solved.lights).map(|l| Grid::from_values(places.clone(), of_light(l))).collect()
+}
+
+/// The field of all lights together.
+pub fn total(grids: &[Grid<NUMBERS>], radiances: &[Vec3]) -> Grid<NUMBERS> {
+    let (places, values) = grids[0].parts();
+    let mut sum = vec![[0.0; NUMBERS]; values.len()];
+    for (grid, radiance) in grids.iter().zip(radiances) {
+        for (sum, numbers) in sum.iter_mut().zip(grid.parts().1) {
+            for (k, (sum, number)) in sum.iter_mut().zip(numbers).enumerate() {
+                *sum += number * radiance[k % 3];
             }
         }
-        numbers
-    })
+    }
+    Grid::from_values(places.clone(), sum)
 }
 
 /// Evenly spread directions (the Fibonacci lattice).

@@ -4,22 +4,25 @@
 //! between is accounted for; the rows of elements met are kept and the bounces are then a sparse product. Bounces are
 //! counted: an event limit cuts the series here as it does in the reference.
 
+use super::source::Lamp;
 use super::world::World;
-use crate::optics::{emitter::Emitter, sampler::Sampler};
+use crate::optics::sampler::{Sampler, hash};
 use glam::Vec3;
 use rayon::prelude::*;
-use std::f32::consts::{FRAC_1_PI, TAU};
+use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
 /// Rays of an element; their errors average out over the many elements that a probe sees.
 const RAYS: u32 = 256;
 /// Points at which an element's direct light is taken.
 const POINTS: u32 = 16;
 
-/// What each element sends out.
+/// What each element sends out, for each light of radiance 1.
 #[derive(Debug, Clone)]
 pub struct Radiosity {
-    /// Radiance of the diffuse reflection of each element, the light's own emission excepted.
-    pub radiance: Vec<Vec3>,
+    /// How many lights.
+    pub lights: usize,
+    /// By element and light: radiance of the diffuse reflection, the light's own emission excepted.
+    radiance: Vec<Vec3>,
     /// The part of it that came straight from the lights.
     straight: Vec<Vec3>,
 }
@@ -29,59 +32,81 @@ impl Radiosity {
     ///
     /// `buried` tells which points lie under the untouched face: patches of walls that reach below it count only
     /// their part above, which is what the camera's side sees of them.
-    pub fn new(
-        world: &World,
-        emitters: &[Emitter],
-        events: u32,
-        buried: impl Fn(Vec3) -> bool + Sync,
-    ) -> Self {
-        let n = 2 * world.patches;
-        let direct: Vec<Vec3> = (0..n).into_par_iter().map(|k| direct(world, emitters, k, &buried)).collect();
-        let rows: Vec<Vec<u32>> = if events > 1 {
+    pub fn new(world: &World, lamps: &[Lamp], events: u32, buried: impl Fn(Vec3) -> bool + Sync) -> Self {
+        let (n, lights) = (2 * world.patches, lamps.len());
+        let mut direct: Vec<f32> =
+            (0..n).into_par_iter().flat_map_iter(|k| direct(world, lamps, k, &buried)).collect();
+        let rows: Vec<Vec<u32>> = if events > 1 || world.has_clear() {
             (0..n).into_par_iter().map(|k| row(world, k, &buried)).collect()
         } else {
             Vec::new()
         };
-        let mut radiance = vec![Vec3::ZERO; n];
+        // What reaches an element by way of clear bodies is known from the rays alone.
+        for (k, row) in rows.iter().enumerate() {
+            for &lit in row.iter().filter(|&&met| met != NOTHING && met & LIT != 0) {
+                if let Some(light) = world.element((lit & !LIT) as usize).1 {
+                    direct[k * lights + light] += PI / row.len() as f32;
+                }
+            }
+        }
+        let reflected = |k: usize, l: usize| world.element(k).0 * (direct[k * lights + l] * FRAC_1_PI);
+        let straight: Vec<Vec3> = (0..n * lights).map(|i| reflected(i / lights, i % lights)).collect();
+        let mut radiance = vec![Vec3::ZERO; n * lights];
         for bounce in 0..events {
+            if bounce == 0 {
+                radiance = straight.clone();
+                continue;
+            }
+            let before = &radiance;
             radiance = (0..n)
                 .into_par_iter()
-                .map(|k| {
-                    let gathered = if bounce == 0 {
-                        Vec3::ZERO
-                    } else {
-                        let met = rows[k].iter().filter(|&&e| e != NOTHING);
-                        met.map(|&e| radiance[e as usize]).sum::<Vec3>() / rows[k].len().max(1) as f32
-                    };
-                    world.element(k).0 * (direct[k] * FRAC_1_PI + gathered)
+                .flat_map_iter(|k| {
+                    let mut sums = straight[k * lights..(k + 1) * lights].to_vec();
+                    let scale = world.element(k).0 / rows[k].len().max(1) as f32;
+                    for &met in rows[k].iter().filter(|&&met| met != NOTHING) {
+                        let met = (met & !LIT) as usize * lights;
+                        for (sum, sent) in sums.iter_mut().zip(&before[met..met + lights]) {
+                            *sum += scale * *sent;
+                        }
+                    }
+                    sums
                 })
                 .collect();
         }
-        let straight = (0..n).map(|k| world.element(k).0 * direct[k] * FRAC_1_PI).collect();
-        Self { radiance, straight }
+        Self { lights, radiance, straight }
     }
 
-    /// Radiance of an element for light that was scattered before.
-    pub fn direct_free(&self, element: usize) -> Vec3 {
-        (self.radiance[element] - self.straight[element]).max(Vec3::ZERO)
+    /// Radiance of an element, by light.
+    #[inline(always)]
+    pub fn radiance(&self, element: usize) -> &[Vec3] {
+        &self.radiance[element * self.lights..(element + 1) * self.lights]
+    }
+
+    /// The same for light that was scattered before.
+    pub fn direct_free(&self, element: usize, light: usize) -> Vec3 {
+        let k = element * self.lights + light;
+        (self.radiance[k] - self.straight[k]).max(Vec3::ZERO)
     }
 }
 
-/// Irradiance of an element straight from the lights, over those of its points that nothing covers.
-fn direct(world: &World, emitters: &[Emitter], element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec3 {
+/// Irradiance of an element straight from each light, over those of its points that nothing covers.
+fn direct(world: &World, lamps: &[Lamp], element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec<f32> {
     let sampler = Sampler::new(0x0e1e, element as u32 / 2, 0, POINTS);
     let own = world.element(element).1;
-    let (mut sum, mut points) = (Vec3::ZERO, 0);
+    let (mut sums, mut points) = (vec![0.0; lamps.len()], 0);
     for i in 0..POINTS {
         let [u, v, ..] = sampler.group(i, 0);
         let (point, normal) = world.point(element, [u, v]);
         if buried(point) || covered(world, point, normal) {
             continue;
         }
-        sum += world.direct(point, normal, own, emitters);
+        for (k, sum) in sums.iter_mut().enumerate() {
+            *sum += world.direct(point, normal, own, k, &lamps[k]);
+        }
         points += 1;
     }
-    sum / points.max(1) as f32
+    sums.iter_mut().for_each(|sum| *sum /= points.max(1) as f32);
+    sums
 }
 
 /// Whether the patch of a light lies right on the point, as patches on walls do.
@@ -103,14 +128,20 @@ fn row(world: &World, element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec<u32
             if buried(point) || covered(world, point, normal) {
                 return None;
             }
-            let met = world.trace(point + normal * world.offset, cosine(normal, a, b));
-            Some(met.map_or(NOTHING, |met| met.element as u32))
+            let mut dice = hash(element as u32, i);
+            let met = world.follow(point + normal * world.offset, cosine(normal, a, b), &mut dice);
+            Some(met.map_or(NOTHING, |(met, clear)| {
+                let lit = clear && met.light.is_some() && met.front;
+                met.element as u32 | if lit { LIT } else { 0 }
+            }))
         })
         .collect()
 }
 
 /// In place of an element.
 const NOTHING: u32 = u32::MAX;
+/// Set where the ray came by way of a clear body to the shining side of a light.
+const LIT: u32 = 1 << 31;
 
 /// A direction about `normal` with density cos/pi.
 fn cosine(normal: Vec3, a: f32, b: f32) -> Vec3 {
@@ -154,15 +185,15 @@ mod tests {
             max_events: 40,
         };
         let world = World::new(&scene, true).unwrap();
-        let emitters: Vec<Emitter> = scene.lights.iter().map(Emitter::new).collect();
-        let solved = Radiosity::new(&world, &emitters, 40, |_| false);
+        let lamps: Vec<Lamp> = scene.lights.iter().filter_map(Lamp::new).collect();
+        let solved = Radiosity::new(&world, &lamps, 40, |_| false);
         // The lamp sends pi x area x L; all is absorbed in the end: (1 - 1/2) E = power, and radiance = E / 2 pi.
         let mut sent = 0.0;
         for k in (1..2 * world.patches).step_by(2) {
             let (point, normal) = world.point(k, [0.3, 0.3]);
             // Equal patches: the mean over the inside of the room.
             if point.abs().max_element() > 4.995 && normal.dot(point) < 0.0 {
-                sent += solved.radiance[k].x;
+                sent += solved.radiance(k)[0].x;
             }
         }
         let patches = 12.0 * f32::powi((14.142_f32 / 1.5).ceil(), 2);

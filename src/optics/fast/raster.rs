@@ -4,6 +4,7 @@
 //! the largest wins: the inverse depth for a camera, the height for a look from above. Bands of rows are
 //! independent, so that the result does not depend on threads.
 
+use super::lanes::{Work, with_widest};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -30,52 +31,64 @@ pub struct Projected<'a> {
     pub lattice: [usize; 2],
     /// By vertex: x, y in samples, and the value.
     pub vertices: &'a [Vec3],
+    /// Where samples stand within their cell: 0 at its corner, 0.5 at its middle.
+    pub offset: f32,
 }
 
 impl Projected<'_> {
-    /// Draws bands of rows and hands each to `use_band` with its first row; returns the results in order.
-    pub fn bands<T: Send>(
-        &self,
-        width: usize,
-        height: usize,
-        band_rows: usize,
-        use_band: impl Fn(usize, &[Sample]) -> T + Sync,
-    ) -> Vec<T> {
-        let [nx, ny] = self.lattice;
-        // Lowest and highest sample row of each row of quads.
+    /// Draws everything, row by row.
+    pub fn draw(&self, width: usize, height: usize) -> Vec<Sample> {
+        let [nx, _] = self.lattice;
+        // Lowest and highest y of each row of vertices.
         let reach: Vec<[f32; 2]> = self
             .vertices
             .par_chunks_exact(nx)
+            .with_min_len(64)
             .map(|row| {
                 row.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[l, h], v| [l.min(v.y), h.max(v.y)])
             })
             .collect();
-        let rows = if band_rows == 0 { BAND } else { band_rows };
-        (0..height.div_ceil(rows))
-            .into_par_iter()
-            .map(|band| {
-                let first = band * rows;
-                let last = (first + rows).min(height);
-                let mut samples = vec![EMPTY; (last - first) * width];
-                for j in 0..ny - 1 {
-                    let low = reach[j][0].min(reach[j + 1][0]);
-                    let high = reach[j][1].max(reach[j + 1][1]);
-                    // Not so for what is not a number: such rows are drawn and their triangles dropped.
-                    if high < first as f32 - 1.0 || low > last as f32 + 1.0 {
-                        continue;
-                    }
-                    let mut target = Target { samples: &mut samples, width, first, last };
-                    for i in 0..nx - 1 {
-                        let a = j * nx + i;
-                        let [va, vb, vc, vd] = [a, a + 1, a + nx + 1, a + nx].map(|k| self.vertices[k]);
-                        let id = 2 * (j * (nx - 1) + i) as u32;
-                        target.triangle([va, vb, vc], id);
-                        target.triangle([va, vc, vd], id + 1);
-                    }
-                }
-                use_band(first, &samples)
-            })
-            .collect()
+        let mut samples = vec![EMPTY; width * height];
+        samples.par_chunks_mut(BAND * width).enumerate().for_each(|(band, samples)| {
+            let target = Target { samples, width, first: band * BAND, offset: self.offset };
+            with_widest(Band { drawn: self, reach: &reach, target });
+        });
+        samples
+    }
+}
+
+struct Band<'a> {
+    drawn: &'a Projected<'a>,
+    reach: &'a [[f32; 2]],
+    target: Target<'a>,
+}
+
+impl Work for Band<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Band { drawn, reach, mut target } = self;
+        let [nx, ny] = drawn.lattice;
+        let (first, last) =
+            (target.first as f32, (target.first + target.samples.len() / target.width) as f32);
+        for j in 0..ny - 1 {
+            let low = reach[j][0].min(reach[j + 1][0]);
+            let high = reach[j][1].max(reach[j + 1][1]);
+            // Not so for what is not a number: such rows are drawn and their triangles dropped.
+            if high < first - 1.0 || low > last + 1.0 {
+                continue;
+            }
+            let below = &drawn.vertices[j * nx..(j + 1) * nx];
+            let above = &drawn.vertices[(j + 1) * nx..(j + 2) * nx];
+            let (mut va, mut vd) = (below[0], above[0]);
+            let mut id = 2 * (j * (nx - 1)) as u32;
+            for (&vb, &vc) in below[1..].iter().zip(&above[1..]) {
+                target.quad([va, vb, vc, vd], id);
+                id += 2;
+                (va, vd) = (vb, vc);
+            }
+        }
     }
 }
 
@@ -83,22 +96,33 @@ struct Target<'a> {
     samples: &'a mut [Sample],
     width: usize,
     first: usize,
-    last: usize,
+    offset: f32,
 }
 
 impl Target<'_> {
+    /// The two triangles of a quad, (a, b, c) and (a, c, d).
     #[inline(always)]
-    fn triangle(&mut self, [a, b, c]: [Vec3; 3], id: u32) {
-        // Samples stand at half-integers.
-        let low = a.min(b).min(c);
-        let high = a.max(b).max(c);
-        let y0 = ((low.y - 0.5 - SLACK).ceil() as i32).max(self.first as i32);
-        let y1 = ((high.y - 0.5 + SLACK).floor() as i32).min(self.last as i32 - 1);
-        let x0 = ((low.x - 0.5 - SLACK).ceil() as i32).max(0);
-        let x1 = ((high.x - 0.5 + SLACK).floor() as i32).min(self.width as i32 - 1);
-        if x0 > x1 || y0 > y1 {
+    fn quad(&mut self, [a, b, c, d]: [Vec3; 4], id: u32) {
+        let low_y = a.y.min(b.y).min(c.y.min(d.y)) - self.offset - SLACK;
+        let high_y = a.y.max(b.y).max(c.y.max(d.y)) - self.offset + SLACK;
+        let rows = self.samples.len() / self.width;
+        let y0 = first_at(low_y - self.first as f32);
+        let y1 = past(high_y - self.first as f32, rows);
+        if y0 >= y1 {
             return;
         }
+        let low_x = a.x.min(b.x).min(c.x.min(d.x)) - self.offset - SLACK;
+        let high_x = a.x.max(b.x).max(c.x.max(d.x)) - self.offset + SLACK;
+        let (x0, x1) = (first_at(low_x), past(high_x, self.width));
+        if x0 >= x1 {
+            return;
+        }
+        self.triangle([a, b, c], id, [x0, x1, y0, y1]);
+        self.triangle([a, c, d], id + 1, [x0, x1, y0, y1]);
+    }
+
+    #[inline(always)]
+    fn triangle(&mut self, [a, b, c]: [Vec3; 3], id: u32, [x0, x1, y0, y1]: [usize; 4]) {
         let (pa, pb, pc): (Vec2, Vec2, Vec2) = (a.truncate(), b.truncate(), c.truncate());
         let area = (pb - pa).perp_dot(pc - pa);
         if area == 0.0 || !area.is_finite() {
@@ -107,15 +131,15 @@ impl Target<'_> {
         let inverse = 1.0 / area;
         let (eb, ec) = ((pa - pc) * inverse, (pb - pa) * inverse);
         let slack = SLACK * (eb.abs().max_element() + ec.abs().max_element());
-        for y in y0..=y1 {
-            for x in x0..=x1 {
-                let p = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+        for y in y0..y1 {
+            for x in x0..x1 {
+                let p = Vec2::new(x as f32 + self.offset, (self.first + y) as f32 + self.offset);
                 let wb = eb.perp_dot(p - pc);
                 let wc = ec.perp_dot(p - pa);
                 let wa = 1.0 - wb - wc;
                 if wa.min(wb).min(wc) >= -slack {
                     let value = a.z * wa + b.z * wb + c.z * wc;
-                    let sample = &mut self.samples[(y as usize - self.first) * self.width + x as usize];
+                    let sample = &mut self.samples[y * self.width + x];
                     if value > sample.value {
                         *sample = Sample { value, triangle: id };
                     }
@@ -123,6 +147,19 @@ impl Target<'_> {
             }
         }
     }
+}
+
+/// The first sample at or after `x`.
+#[inline(always)]
+fn first_at(x: f32) -> usize {
+    let whole = x.max(0.0) as usize;
+    whole + usize::from((whole as f32) < x)
+}
+
+/// The sample after the last one at or before `x`, of `n`.
+#[inline(always)]
+fn past(x: f32, n: usize) -> usize {
+    if x < 0.0 { 0 } else { (x as usize + 1).min(n) }
 }
 
 /// The corners of a lattice's triangle.
@@ -145,8 +182,7 @@ mod tests {
             Vec3::new(x + 0.1 * y, y, 0.5 * x - 0.25 * y)
         };
         let vertices: Vec<Vec3> = (0..nx * ny).map(at).collect();
-        let drawn = Projected { lattice: [nx, ny], vertices: &vertices };
-        let samples: Vec<Sample> = drawn.bands(80, 37, 0, |_, band| band.to_vec()).concat();
+        let samples = Projected { lattice: [nx, ny], vertices: &vertices, offset: 0.5 }.draw(80, 37);
         for (k, s) in samples.iter().enumerate() {
             let (px, py) = ((k % 80) as f32 + 0.5, (k / 80) as f32 + 0.5);
             let (x, y) = (px - 0.1 * py, py);
@@ -164,9 +200,7 @@ mod tests {
         let near = |z: f32| [(0.0, 0.0), (9.0, 0.0), (0.0, 9.0), (9.0, 9.0)].map(|(x, y)| Vec3::new(x, y, z));
         let mut folded = near(1.0).to_vec();
         folded.extend(near(2.0));
-        let drawn = Projected { lattice: [2, 4], vertices: &folded };
-        for band in drawn.bands(8, 8, 3, |_, band| band.to_vec()) {
-            assert!(band.iter().all(|s| s.value > 1.9));
-        }
+        let samples = Projected { lattice: [2, 4], vertices: &folded, offset: 0.5 }.draw(8, 8);
+        assert!(samples.iter().all(|s| s.value > 1.9));
     }
 }

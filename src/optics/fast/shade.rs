@@ -1,147 +1,153 @@
-//! From the lattice's samples to the colour of a pixel.
+//! From a block's four nodes to the light on eight pixels.
+//!
+//! Fields and horizons are interpolated between the nodes of a block, bilinearly in the raster; the normal of each pixel
+//! comes in at the end. What is hidden of a light is taken off as the irradiance of the ribbon below the cut.
 
-use super::Precomputed;
-use super::horizon::Heights;
+use super::lanes::{Eight, Vectors};
 use super::probes;
-use super::raster::{Sample, corners};
-use super::tables::LIGHTS_A_TABLE;
-use crate::optics::{Albedo, Mesh};
-use glam::{Mat3, Vec2, Vec3};
-use std::f32::consts::FRAC_1_PI;
+use super::slots::Slots;
+use super::source::{LINES, Line, Source};
+use super::vector::edges;
+use glam::Vec3;
 
-/// A pad seen by the sensor, ready to be shaded.
-pub struct Shading<'a> {
-    pub once: &'a Precomputed,
-    pub mesh: &'a Mesh,
-    pub nx: usize,
-    pub albedo: &'a Albedo,
-    pub heights: &'a Heights,
-    pub doubts: &'a [bool],
-    /// Samples along each edge of a pixel.
-    pub grain: usize,
+/// Coefficients of 1, u, v and u v.
+type Bilinear = [f32; 4];
+
+/// A block made ready: everything as coefficients.
+pub struct Block<'a> {
+    slots: &'a Slots,
+    sources: &'a [Source],
+    coefficients: Vec<Bilinear>,
+    hidden: Vec<bool>,
+    fixed: Vec<Option<[Line; LINES]>>,
 }
 
-impl Shading<'_> {
-    /// The colour of pixel (x, y); `rows` are its `grain` rows of samples, `width` samples long.
-    pub fn pixel(&self, x: usize, y: usize, rows: &[Sample], width: usize) -> Vec3 {
-        let camera = &self.once.camera;
-        let grain = self.grain;
-        let mut sum_static = Vec3::ZERO;
-        let mut seen = [(u32::MAX, Vec3::ZERO, Vec2::ZERO); 16];
-        let (mut count, mut offset, mut depth, mut normal) = (0, Vec2::ZERO, 0.0, Vec3::ZERO);
-        for v in 0..grain {
-            for u in 0..grain {
-                let sample = rows[v * width + x * grain + u];
-                if let Some((value, radiance)) = self.once.fixed(x, y, u, v, grain)
-                    && value > sample.value
-                {
-                    sum_static += radiance;
-                    continue;
-                }
-                if sample.triangle == u32::MAX {
-                    continue;
-                }
-                let n = match seen[..count].last() {
-                    Some((id, n, _)) if *id == sample.triangle => *n,
-                    _ => self.normal(sample.triangle),
-                };
-                let within = Vec2::new(u as f32 + 0.5, v as f32 + 0.5);
-                let at = Vec2::new(x as f32, y as f32) + within / grain as f32;
-                seen[count] = (sample.triangle, n, at);
-                count += 1;
-                offset += within;
-                depth += 1.0 / sample.value;
-                normal += n;
-            }
-        }
-        let share = 1.0 / (grain * grain) as f32;
-        if count == 0 {
-            return sum_static * share;
-        }
-        let per = 1.0 / count as f32;
-        let at = Vec2::new(x as f32, y as f32) + offset * (per / grain as f32);
-        let (origin, direction) = camera.ray(at.x, at.y, Vec2::ZERO);
-        let point = origin + direction * (depth * per / direction.dot(camera.forward));
-        let mean = normal * per;
-        let unit = mean.normalize_or_zero();
+#[inline(always)]
+fn at(c: &Bilinear, u: Eight, v: Eight) -> Eight {
+    Eight::all(c[0]) + Eight::all(c[1]) * u + v * (Eight::all(c[2]) + Eight::all(c[3]) * u)
+}
 
-        let (field, rest) = self.direct(point, unit);
-        let (numbers, _) = self.once.probes.at(point);
-        let even = rest + probes::irradiance(&numbers, unit);
-        let reflected = match self.albedo {
-            Albedo::Constant(albedo) => *albedo * ((field * mean).max(Vec3::ZERO) + even) * count as f32,
-            Albedo::Texture(texture) => {
-                let mut sum = Vec3::ZERO;
-                for (id, n, at) in &seen[..count] {
-                    let (origin, direction) = camera.ray(at.x, at.y, Vec2::ZERO);
-                    let uv = self.uv(*id, origin, direction);
-                    sum += texture.sample(uv) * ((field * *n).max(Vec3::ZERO) + even);
-                }
-                sum
-            }
-        };
-        (sum_static + reflected * FRAC_1_PI) * share
+#[inline(always)]
+fn vectors_at(c: &[Bilinear], u: Eight, v: Eight) -> Vectors {
+    Vectors { x: at(&c[0], u, v), y: at(&c[1], u, v), z: at(&c[2], u, v) }
+}
+
+impl<'a> Block<'a> {
+    /// Room for the blocks of a picture.
+    pub fn new(slots: &'a Slots, sources: &'a [Source]) -> Self {
+        let fixed = sources
+            .iter()
+            .map(|s| s.is_fixed().then(|| std::array::from_fn(|k| s.line(k, LINES - 1, Vec3::ZERO))));
+        Self {
+            slots,
+            sources,
+            coefficients: vec![[0.0; 4]; slots.stride()],
+            hidden: vec![false; sources.len()],
+            fixed: fixed.map(|lines| lines.filter(|_| !slots.bent())).collect(),
+        }
     }
 
-    /// Normal of a triangle, on the side of the camera.
+    /// Takes the nodes at the upper left, upper right, lower left and lower right corner.
     #[inline(always)]
-    fn normal(&self, triangle: u32) -> Vec3 {
-        let [a, b, c] = corners(triangle, self.nx).map(|k| self.mesh.positions[k]);
-        let n = (b - a).cross(c - a).normalize_or_zero();
-        if n.dot(self.once.camera.origin - a) < 0.0 { -n } else { n }
+    pub fn prepare(&mut self, [a, b, c, d]: [&[f32]; 4]) {
+        for (k, out) in self.coefficients.iter_mut().enumerate() {
+            *out = [a[k], b[k] - a[k], c[k] - a[k], d[k] - c[k] - b[k] + a[k]];
+        }
+        for (l, hidden) in self.hidden.iter_mut().enumerate() {
+            let flag = self.slots.light(l);
+            *hidden = [a, b, c, d].iter().any(|n| n[flag] > 0.0);
+        }
     }
 
-    /// Texture coordinate where a ray meets the plane of a triangle.
-    fn uv(&self, triangle: u32, origin: Vec3, direction: Vec3) -> Vec2 {
-        let [a, b, c] = corners(triangle, self.nx).map(|k| self.mesh.positions[k]);
-        let n = (b - a).cross(c - a);
-        let t = n.dot(a - origin) / n.dot(direction);
-        uv(self.mesh, self.nx, triangle, origin + direction * t)
-    }
-
-    /// Direct irradiance: the matrix that gives it from a normal, and the part that is already worked out for the mean
-    /// normal because something of the light is hidden.
+    /// Adds the irradiance on eight points at (u, v) of the block with unit normals, one picture after the other.
     #[inline(always)]
-    fn direct(&self, point: Vec3, normal: Vec3) -> (Mat3, Vec3) {
-        let panels = &self.once.panels;
-        let cell = self.heights.coarse_cell(point.truncate());
-        let doubts = &self.doubts[cell * panels.len()..(cell + 1) * panels.len()];
-        // Rows: colours; the transpose is built by columns.
-        let (mut x, mut y, mut z) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
-        let mut rest = Vec3::ZERO;
-        for (t, table) in self.once.direct.iter().enumerate() {
-            let (values, inside) = table.at(point);
-            let first = t * LIGHTS_A_TABLE;
-            for k in first..(first + LIGHTS_A_TABLE).min(panels.len()) {
-                let panel = &panels[k];
-                let radiance = self.once.radiances[k];
-                let above = panel.corners.iter().all(|c| (*c - point).dot(normal) > 0.0);
-                let near = (point - panel.corners[0]).dot(panel.normal) < self.once.near_mm;
-                if doubts[k] || !above || !inside || near {
-                    rest += radiance * self.heights.irradiance(point, normal, panel);
-                } else {
-                    let base = 3 * (k - first);
-                    x += radiance * values[base];
-                    y += radiance * values[base + 1];
-                    z += radiance * values[base + 2];
-                }
+    pub fn light(
+        &self,
+        [u, v]: [Eight; 2],
+        points: Vectors,
+        normals: Vectors,
+        radiances: &[Vec3],
+        sums: &mut [Vectors],
+    ) {
+        let many = self.slots.films > 1;
+        for l in 0..self.sources.len() {
+            let phi = vectors_at(&self.coefficients[self.slots.direct(l)..], u, v);
+            let mut e = phi.dot(normals);
+            if self.hidden[l] || self.dips(l, [u, v], points, normals) {
+                e = e - self.taken(l, [u, v], points, normals);
+            }
+            let e = e.max(Eight::all(0.0));
+            if many {
+                sums[l] = sums[l] + Vectors { x: e, y: e, z: e };
+            } else {
+                sums[0] = sums[0] + Vectors::all(radiances[l]).scaled(e);
             }
         }
-        (Mat3::from_cols(x, y, z), rest)
+        let n = normals;
+        let terms = probes::terms_of(n);
+        for (film, sum) in sums.iter_mut().enumerate() {
+            let c = &self.coefficients[self.slots.indirect(film)..][..probes::NUMBERS];
+            let mut e = vectors_at(c, u, v);
+            for (k, term) in terms.iter().enumerate() {
+                e = e + vectors_at(&c[3 * (k + 1)..], u, v).scaled(*term);
+            }
+            let zero = Eight::all(0.0);
+            *sum = *sum + Vectors { x: e.x.max(zero), y: e.y.max(zero), z: e.z.max(zero) };
+        }
+    }
+
+    /// Whether some of the light's lower edge is below the horizon of some normal.
+    #[inline(always)]
+    fn dips(&self, l: usize, uv: [Eight; 2], points: Vectors, normals: Vectors) -> bool {
+        let zero = Eight::all(0.0);
+        let ends = [0, LINES - 1].map(|k| self.end(l, k, 0, uv, points).dot(normals));
+        ends[0].min(ends[1]).below(zero).any()
+    }
+
+    /// An end of a line as seen from the points.
+    #[inline(always)]
+    fn end(&self, l: usize, line: usize, end: usize, [u, v]: [Eight; 2], points: Vectors) -> Vectors {
+        match &self.fixed[l] {
+            Some(lines) => Vectors::all(lines[line][end]) - points,
+            None => vectors_at(&self.coefficients[self.slots.line(l, line) + 3 * end..], u, v),
+        }
+    }
+
+    /// Irradiance of what is hidden.
+    #[inline(always)]
+    fn taken(&self, l: usize, uv: [Eight; 2], points: Vectors, normals: Vectors) -> Eight {
+        let [u, v] = uv;
+        let (zero, one) = (Eight::all(0.0), Eight::all(1.0));
+        let horizons = self.slots.horizons(l);
+        let mut lows = [Vectors::all(Vec3::ZERO); LINES];
+        let mut cuts = lows;
+        for k in 0..LINES {
+            let (low, high) = (self.end(l, k, 0, uv, points), self.end(l, k, 1, uv, points));
+            // The part of the line below the surface's own plane...
+            let own = part_below(low.dot(normals), high.dot(normals));
+            // ...and below the pad's horizon.
+            let slope = at(&self.coefficients[horizons + k], u, v);
+            let over = |q: Vectors| q.z - slope * (q.x * q.x + q.y * q.y).sqrt();
+            let part = if self.hidden[l] { own.max(part_below(over(low), over(high))) } else { own };
+            let part = part.max(zero).min(one);
+            lows[k] = low.unit();
+            cuts[k] = (low + (high - low).scaled(part)).unit();
+        }
+        let mut sum = edges(lows[LINES - 1], cuts[LINES - 1]) + edges(cuts[0], lows[0]);
+        for k in 1..LINES {
+            sum = sum + edges(lows[k - 1], lows[k]) + edges(cuts[k], cuts[k - 1]);
+        }
+        let gain = at(&self.coefficients[self.slots.gain(l)], u, v);
+        sum.dot(normals) * Eight::all(-0.5) * gain
     }
 }
 
-/// Texture coordinate at a point of a triangle's plane; 0 where the mesh carries none.
-pub fn uv(mesh: &Mesh, nx: usize, triangle: u32, point: Vec3) -> Vec2 {
-    if mesh.uvs.is_empty() {
-        return Vec2::ZERO;
-    }
-    let ids = corners(triangle, nx);
-    let [a, b, c] = ids.map(|k| mesh.positions[k]);
-    let [ta, tb, tc] = ids.map(|k| mesh.uvs[k]);
-    let (e, f, p) = (b - a, c - a, point - a);
-    let n = e.cross(f);
-    let scale = 1.0 / n.length_squared().max(1e-30);
-    let (wb, wc) = (p.cross(f).dot(n) * scale, e.cross(p).dot(n) * scale);
-    ta + (tb - ta) * wb + (tc - ta) * wc
+/// How much of a line lies below, for the heights of its ends.
+#[inline(always)]
+fn part_below(low: Eight, high: Eight) -> Eight {
+    let zero = Eight::all(0.0);
+    let part = low.over(low - high);
+    // A high end that is below, too: all of it. (A line that only dips at its high end keeps all.)
+    let part = high.below(Eight::all(1e-12)).choose(Eight::all(1.0), part);
+    low.below(zero).choose(part, zero)
 }

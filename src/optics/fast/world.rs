@@ -1,16 +1,26 @@
 //! What rays meet while a sensor is prepared: triangles, what they are made of, and which patch they belong to.
+//! Radiance inside a plate is counted over n^2, so that it is the same on both sides of a face.
 //!
 //! Every surface is cut into patches of about a millimetre: a triangle into a grid in its barycentric
 //! coordinates, the pad's lattice into blocks of quads. Each side of a patch is an element of the radiosity solution.
 
-use crate::optics::{Albedo, Error, Mesh, Role, Scene, accel::Accel, accel::Hit, emitter::Emitter};
-use crate::optics::{Material, light::Light};
+use super::source::Lamp;
+use crate::optics::Material;
+use crate::optics::bsdf::{fresnel, refract};
+use crate::optics::sampler::hash;
+use crate::optics::{Albedo, Error, Mesh, Role, Scene, accel::Accel, accel::Hit};
 use glam::Vec3;
 
 /// Edge of a patch, mm.
 const PATCH_MM: f32 = 1.5;
 /// Most patches along an edge of one triangle.
 const MOST_CUTS: u32 = 24;
+
+/// Faces of clear bodies that a path crosses at most.
+const MOST_CROSSINGS: usize = 24;
+
+/// A plate is a cuboid.
+const CUBOID_TRIANGLES: usize = 12;
 
 /// How a part is cut into patches.
 #[derive(Debug, Clone, Copy)]
@@ -25,13 +35,15 @@ enum Cut {
 #[derive(Debug, Clone)]
 struct Part {
     albedo: Vec3,
+    /// Index of refraction, where it is clear.
+    clear: Option<f32>,
     light: Option<usize>,
     first_triangle: u32,
     first_patch: u32,
     cut: Cut,
 }
 
-/// A scene's geometry without anything that refracts.
+/// A scene's geometry.
 #[derive(Debug, Clone)]
 pub struct World {
     accel: Accel,
@@ -59,6 +71,8 @@ pub struct Met {
     pub front: bool,
     /// Element of the radiosity solution.
     pub element: usize,
+    /// Index of refraction behind the surface over that before it, where it is clear.
+    eta: Option<f32>,
 }
 
 impl World {
@@ -76,6 +90,10 @@ impl World {
             if surface.role == Role::Pad && !with_pad {
                 continue;
             }
+            if let (Role::Plate, Material::Dielectric { ior }) = (surface.role, &surface.material) {
+                world.add(&surface.mesh, Vec3::ZERO, None, Some(*ior));
+                continue;
+            }
             let Material::Lambert { albedo } = &surface.material else {
                 return Err(super::unsupported("material", &surface.name, "only diffuse surfaces"));
             };
@@ -87,10 +105,10 @@ impl World {
                     return Err(super::unsupported("material", &surface.name, "walls of one colour"));
                 }
             };
-            world.add(&surface.mesh, albedo, None);
+            world.add(&surface.mesh, albedo, None, None);
         }
         for (k, light) in scene.lights.iter().enumerate() {
-            world.add(&light.shape.tessellate(), light.albedo, Some(k));
+            world.add(&light.shape.tessellate(), light.albedo, Some(k), None);
         }
         let extent = world.corners.iter().flatten().fold(0.0f32, |m, p| m.max(p.abs().max_element()));
         world.offset = extent * 2e-6;
@@ -98,7 +116,7 @@ impl World {
         Ok(world)
     }
 
-    fn add(&mut self, mesh: &Mesh, albedo: Vec3, light: Option<usize>) {
+    fn add(&mut self, mesh: &Mesh, albedo: Vec3, light: Option<usize>, clear: Option<f32>) {
         let longest = |corners: [Vec3; 3]| {
             let [a, b, c] = corners;
             (b - a).length().max((c - b).length()).max((a - c).length())
@@ -122,6 +140,7 @@ impl World {
         self.part_of.resize(self.part_of.len() + mesh.triangles.len(), self.parts.len() as u16);
         self.parts.push(Part {
             albedo,
+            clear,
             light,
             first_triangle: self.corners.len() as u32,
             first_patch: self.patches as u32,
@@ -144,13 +163,47 @@ impl World {
             light: part.light,
             front,
             element: 2 * patch as usize + usize::from(!front),
+            eta: part.clear.map(|ior| if front { ior } else { 1.0 / ior }),
             hit,
         })
+    }
+
+    /// The first surface that is not clear, along a path that reflects or refracts by chance at clear ones, and whether
+    /// there were any. `dice` is the state of the chance.
+    pub fn follow(&self, mut origin: Vec3, mut direction: Vec3, dice: &mut u32) -> Option<(Met, bool)> {
+        for crossing in 0..MOST_CROSSINGS {
+            let met = self.trace(origin, direction)?;
+            let Some(eta) = met.eta else { return Some((met, crossing > 0)) };
+            let cos = -direction.dot(met.normal);
+            *dice = hash(*dice, 0x51ab);
+            let chance = (*dice >> 8) as f32 * (1.0 / 16_777_216.0);
+            let refracted =
+                if chance < fresnel(cos, eta) { None } else { refract(-direction, met.normal, eta) };
+            (origin, direction) = match refracted {
+                Some(direction) => (met.hit.point - met.normal * self.offset, direction),
+                None => (met.hit.point + met.normal * self.offset, direction + met.normal * (2.0 * cos)),
+            };
+        }
+        None
     }
 
     /// Whether something stands on the open segment.
     pub fn blocked(&self, from: Vec3, to: Vec3) -> bool {
         self.accel.blocked(from, to)
+    }
+
+    /// Whether a point is below all that is clear.
+    pub fn below(&self, point: Vec3) -> bool {
+        let clear = self.parts.iter().filter(|p| p.clear.is_some());
+        clear
+            .flat_map(|p| &self.corners[p.first_triangle as usize..][..CUBOID_TRIANGLES])
+            .flatten()
+            .all(|c| point.z < c.z)
+    }
+
+    /// Whether anything is clear.
+    pub fn has_clear(&self) -> bool {
+        self.parts.iter().any(|p| p.clear.is_some())
     }
 
     /// A point of an element with its normal, for `u` in the unit square.
@@ -171,21 +224,15 @@ impl World {
         (part.albedo, part.light)
     }
 
-    /// Irradiance of a point straight from the lights, each hidden or not as its middle is.
-    pub fn direct(&self, point: Vec3, normal: Vec3, own: Option<usize>, emitters: &[Emitter]) -> Vec3 {
-        let mut sum = Vec3::ZERO;
-        for (k, emitter) in emitters.iter().enumerate() {
-            if own == Some(k) || emitter.is_dark() {
-                continue;
-            }
-            let e = emitter.unoccluded(point, normal);
-            let from = point + normal * self.offset;
-            let to = emitter.center + (from - emitter.center) * 1e-4;
-            if e > 0.0 && !self.blocked(from, to) {
-                sum += emitter.radiance * e;
-            }
+    /// Irradiance of a point straight from light `k` of radiance 1, hidden or not as its middle is.
+    pub fn direct(&self, point: Vec3, normal: Vec3, own: Option<usize>, k: usize, lamp: &Lamp) -> f32 {
+        if own == Some(k) {
+            return 0.0;
         }
-        sum
+        let e = lamp.irradiance(point, normal);
+        let from = point + normal * self.offset;
+        let to = lamp.center + (from - lamp.center) * 1e-4;
+        if e > 0.0 && !self.blocked(from, to) { e } else { 0.0 }
     }
 }
 
@@ -234,13 +281,6 @@ impl Cut {
             }
         }
     }
-}
-
-/// Whether a light is one whose irradiance is known in closed form.
-pub fn closed_form(light: &Light) -> bool {
-    matches!(light.shape, crate::optics::LightShape::Rectangle { .. })
-        && light.cosine_power == 0.0
-        && !light.two_sided
 }
 
 #[cfg(test)]

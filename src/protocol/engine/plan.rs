@@ -133,6 +133,11 @@ impl Engine {
             let counts = feed * scale.abs() * axis.feed_counts_scale;
             fields.insert("feed_counts".to_owned(), Value::Int(counts.round().max(1.0) as i64));
             fields.insert("feed".to_owned(), Value::Num(feed * axis.feed_scale));
+            if let Some(accel) = self.axes[at].accel {
+                let counts = (accel * scale.abs() * axis.accel_counts_scale).round().max(1.0);
+                fields.insert("accel_counts".to_owned(), Value::Int(counts as i64));
+                fields.insert("accel".to_owned(), Value::Num(accel));
+            }
             fields
         };
         let field = |reason: String| EncodeError::Field { command: "move".to_owned(), reason };
@@ -178,6 +183,9 @@ impl Engine {
                     }
                     fields.insert("axes".to_owned(), Value::Text(words.join(" ")));
                     fields.insert("feed".to_owned(), Value::Num(feed * axis.feed_scale));
+                    // Along a line no axis may be hurried more than it bears.
+                    let accel = targets.iter().filter_map(|(at, _)| self.axes[*at].accel).reduce(f64::min);
+                    fields.extend(accel.map(|a| ("accel".to_owned(), Value::Num(a))));
                     sends.push((name.clone(), None, fields));
                 }
             }

@@ -5,9 +5,6 @@
 
 use super::*;
 
-/// From the first report of rest after motion to the question whether it is so.
-const CONFIRM: Duration = Duration::from_millis(20);
-
 /// One verb with its wait.
 #[derive(Debug, Clone)]
 pub(super) enum Act {
@@ -53,6 +50,8 @@ enum Wait {
 #[derive(Debug)]
 struct Asking {
     due: Timestamp,
+    /// When to look again: `due`, or later while the last question is still unanswered or the device mute.
+    look: Timestamp,
     tickets: Vec<Ticket>,
     /// Count of state reports when the last question was sent.
     reports: u64,
@@ -138,8 +137,8 @@ impl Task {
         match &self.wait {
             Wait::Begin => Some(Timestamp(0)),
             Wait::Class(_, until) | Wait::Until(until) => Some(*until),
-            Wait::State { until, ask, .. } => Some((*until).min(ask.due)),
-            Wait::Settle(s) => Some(s.ask.due),
+            Wait::State { until, ask, .. } => Some((*until).min(ask.look)),
+            Wait::Settle(s) => Some(s.ask.look),
             Wait::Reply(_) | Wait::Answers(_) => None,
         }
     }
@@ -327,19 +326,24 @@ impl Engine {
     }
 
     fn asking(&self, now: Timestamp) -> Asking {
-        Asking { due: now, tickets: Vec::new(), reports: self.state_reports, asked: false }
+        Asking { due: now, look: now, tickets: Vec::new(), reports: self.state_reports, asked: false }
     }
 
     /// Asks for the state when a question is due and the last one is answered.
     fn ask(&mut self, ask: &mut Asking, now: Timestamp) {
-        if ask.due > now || self.is_silent() || !ask.tickets.is_empty() {
+        // A question every few milliseconds of wall time is enough, however fast bench time runs.
+        let period = Duration::from_millis(self.spec.done.period_ms)
+            .max(Duration::from_millis(5).mul_f64(self.patience));
+        if ask.due > now {
+            ask.look = ask.due;
+            return;
+        }
+        ask.look = now.after(period);
+        if self.is_silent() || !ask.tickets.is_empty() {
             return;
         }
         ask.reports = self.state_reports;
         ask.asked = true;
-        // A question every few milliseconds of wall time is enough, however fast bench time runs.
-        let period = Duration::from_millis(self.spec.done.period_ms)
-            .max(Duration::from_millis(5).mul_f64(self.patience));
         ask.due = now.after(period);
         if let Some(name) = &self.spec.done.realtime {
             self.urgent.extend(self.spec.realtime.get(name).map(|b| b.0.clone()).unwrap_or_default());
@@ -447,7 +451,7 @@ impl Engine {
             && let Some(at) = self.classes_seen.iter().position(|r| r.class == *event)
         {
             self.classes_seen.remove(at);
-            settle.ask.due = now;
+            (settle.ask.due, settle.ask.look) = (now, now);
         }
         let (all_answered, replies, failed) = take_answers(&mut settle.ask, answers);
         if let Some(failure) = failed {
@@ -488,11 +492,6 @@ impl Engine {
             }
             if settle.idle_in_a_row >= self.spec.done.confirm_n {
                 return Check::Met;
-            }
-            if settle.idle_in_a_row > 0 && settle.last_state == Some(MotionState::Moving) {
-                // It was seen moving and says that it rests: that is asked again soon. One that has not been seen
-                // moving may not have begun.
-                settle.ask.due = settle.ask.due.min(now.after(CONFIRM.mul_f64(self.patience)));
             }
         }
         // Progress is a position that changes; where none is reported, an answer has to do.

@@ -5,10 +5,12 @@ use crate::protocol::classify::Reply;
 use crate::protocol::encode::EncodeError;
 use crate::protocol::spec::{FaultClass, MotionState, Trust};
 use crate::protocol::value::Fields;
+use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// One axis of a device, as the rig file names it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct AxisWire {
     /// Name in the rig file.
     pub name: String,
@@ -16,6 +18,9 @@ pub struct AxisWire {
     pub wire: String,
     /// Device counts per mm or degree, where the protocol speaks in counts.
     pub counts_per_unit: Option<f64>,
+    /// Acceleration, per second squared, where the protocol sends it.
+    #[serde(default)]
+    pub accel: Option<f64>,
 }
 
 /// Handle of a request; its end is reported by [`Event::Finished`].
@@ -23,7 +28,8 @@ pub struct AxisWire {
 pub struct Ticket(pub u64);
 
 /// What can be asked of a device.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Request {
     /// One command of the protocol file. A command of scope `axis` goes to every axis, unless
     /// `axis` (an index) names one.
@@ -61,7 +67,8 @@ pub enum Request {
 }
 
 /// A procedure of the protocol file.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Which {
     /// `[init]`.
     Init,
@@ -74,10 +81,12 @@ pub enum Which {
 }
 
 /// How to stop.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum StopKind {
     /// Decelerate; positions stay trusted where the firmware allows it.
     Controlled,
+    /// End a search for references: some firmwares do not listen to a controlled stop then.
+    Homing,
     /// At once, whatever it costs.
     Emergency,
 }

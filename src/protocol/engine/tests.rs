@@ -16,6 +16,7 @@ impl Bench {
             name: (*name).to_owned(),
             wire: (*wire).to_owned(),
             counts_per_unit: Some(100.0),
+            accel: Some(50.0),
         });
         let engine = Engine::new(shipped(protocol), axes.collect(), 1.0).unwrap();
         Bench { engine, now: Timestamp(1_000_000_000), events: Vec::new() }
@@ -439,6 +440,19 @@ fn zaber_replies_are_matched_by_id() {
     assert_eq!((reading.value, reading.counts), (12.5, Some(crate::units::Steps(1250))));
 }
 
+/// Found by replaying sessions with faults: a wake that had passed made the link spin until the answer came.
+#[test]
+fn an_unanswered_question_wakes_nobody_in_the_meantime() {
+    let mut b = Bench::new("zaber_ascii", &[("slide", "1/1")]);
+    b.engine.submit(Request::Settle { stall: Duration::from_secs(3) });
+    b.out();
+    for _ in 0..20 {
+        b.pass_ms(60);
+        let wake = b.engine.poll(b.now).wake;
+        assert!(wake.is_some_and(|at| at > b.now), "{wake:?} at {:?}", b.now);
+    }
+}
+
 #[test]
 fn zaber_a_wrong_checksum_is_dropped_and_the_question_repeated() {
     let mut b = Bench::new("zaber_ascii", &[("slide", "1/1")]);
@@ -483,7 +497,9 @@ fn say_hex(b: &mut Bench, digits: &str) {
 fn apt_arrival_is_asked_for_when_told_and_needs_no_message() {
     let mut b = Bench::new("thorlabs_apt", &[("spin", "80/1")]);
     b.engine.submit(go(&[(0, 1727.75)], 1.0));
-    assert_eq!(out_hex(&mut b), "53 04 06 00 d0 01 01 00 e7 a2 02 00");
+    // 100 counts a unit: 1 unit/s and 50 units/s2 are 2237 and 38 in the controller's time base.
+    let speed = "13 04 0e 00 d0 01 01 00 00 00 00 00 26 00 00 00 bd 08 00 00";
+    assert_eq!(out_hex(&mut b), format!("{speed} 53 04 06 00 d0 01 01 00 e7 a2 02 00"));
     let t = b.engine.submit(SETTLE);
     let ask = "90 04 01 00 50 01";
     assert_eq!(out_hex(&mut b), ask);
@@ -526,6 +542,8 @@ fn dobot_moves_whole_poses_and_waits_for_its_queue() {
     out_hex(&mut b);
     assert!(matches!(b.finished_now(t), Some(Ok(_))));
     let t = b.engine.submit(go(&[(3, 49.5)], 10.0));
+    assert_eq!(out_hex(&mut b), "aa aa 12 51 03 00 00 20 41 00 00 20 41 00 00 48 42 00 00 48 42 d6");
+    say_hex(&mut b, "aa aa 0a 51 03 04 00 00 00 00 00 00 00 a8");
     assert_eq!(out_hex(&mut b), "aa aa 13 54 03 02 00 00 48 43 00 00 00 00 00 00 46 42 00 00 00 00 94");
     say_hex(&mut b, "aa aa 0a 54 03 05 00 00 00 00 00 00 00 a4");
     out_hex(&mut b);

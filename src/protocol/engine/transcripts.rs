@@ -45,6 +45,7 @@ impl Player {
             name: format!("axis {w}"),
             wire: (*w).to_owned(),
             counts_per_unit: Some(100.0),
+            accel: Some(50.0),
         });
         Player { engine: Engine::new(shipped(protocol), axes.collect(), 1.0).unwrap(), events: Vec::new() }
     }

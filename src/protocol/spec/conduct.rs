@@ -153,7 +153,7 @@ fn default_confirm_n() -> u32 {
 }
 
 /// How the end of a move is known.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DoneMethod {
     /// Ask until the state is idle.

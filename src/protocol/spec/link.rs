@@ -3,8 +3,8 @@
 use crate::protocol::checksum::ChecksumKind;
 use crate::protocol::template::Template;
 use crate::protocol::value::{Bytes, Fields, Pattern};
-use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
+use serde::{Deserialize, Serialize};
 
 /// `[link]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -323,7 +323,7 @@ pub struct FlowSpec {
 }
 
 /// How much may be in flight.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FlowMode {
     /// One command, then its reply.
@@ -375,6 +375,9 @@ pub struct AxisSpec {
     /// The number sent as `{feed_counts}` for one count per second.
     #[serde(default = "one")]
     pub feed_counts_scale: f64,
+    /// The number sent as `{accel_counts}` for one count per second squared.
+    #[serde(default = "one")]
+    pub accel_counts_scale: f64,
     /// Whether the rig file must give `counts_per_unit`.
     #[serde(default)]
     pub counts: bool,

@@ -21,6 +21,11 @@ const ALARM_PLAN: u8 = 0x10;
 /// Alarm bit of a limit switch.
 const ALARM_LIMIT: u8 = 0x40;
 
+/// Parameter: speeds and accelerations along lines and of r.
+const COORDINATE_SPEED: u8 = 81;
+/// Parameter: percentages of speed and acceleration.
+const COMMON_RATIO: u8 = 83;
+
 #[derive(Debug, Clone)]
 enum Queued {
     /// To x, y, z, r; relative for modes 6 to 9.
@@ -29,8 +34,11 @@ enum Queued {
         target: [f64; 4],
     },
     Home,
-    /// A parameter that took its turn.
-    Parameter,
+    /// A parameter that takes its turn.
+    Parameter {
+        id: u8,
+        value: Vec<u8>,
+    },
 }
 
 /// The emulated arm.
@@ -164,10 +172,10 @@ impl Dobot {
             }
             (0xf6, false) => self.reply(id, ctrl, &self.done_index.to_le_bytes()),
             (_, true) => {
-                self.parameters.insert(id, parameters.to_vec());
                 if queues {
-                    self.enqueue(id, ctrl, Queued::Parameter);
+                    self.enqueue(id, ctrl, Queued::Parameter { id, value: parameters.to_vec() });
                 } else {
+                    self.parameters.insert(id, parameters.to_vec());
                     self.reply(id, ctrl, &[]);
                 }
             }
@@ -204,7 +212,10 @@ impl Dobot {
         while self.started && self.running.is_none() && self.alarms == [0; 16] {
             let Some(command) = self.queue.pop_front() else { return };
             match command {
-                Queued::Parameter => self.done_index += 1,
+                Queued::Parameter { id, value } => {
+                    self.parameters.insert(id, value);
+                    self.done_index += 1;
+                }
                 Queued::Home => {
                     let until = (0..self.motors.count()).map(|i| {
                         let feed = 0.5 * self.motors.axis(i).max_feed;
@@ -230,8 +241,19 @@ impl Dobot {
             self.done_index += 1;
             return;
         }
-        let feed = self.motors.iter().map(|m| m.max_feed).fold(f64::MAX, f64::min);
+        let fastest = self.motors.iter().map(|m| m.max_feed).fold(f64::MAX, f64::min);
+        // Of the coordinate speeds the first is along lines, the second of r; a line that only turns has r's.
+        let turns_alone = (0..3).all(|i| (target[i] - now[i]).abs() < 1e-6);
+        let speed = self.parameter(COORDINATE_SPEED, usize::from(turns_alone)).unwrap_or(fastest);
+        let ratio = self.parameter(COMMON_RATIO, 0).unwrap_or(100.0) / 100.0;
+        let feed = (speed * ratio).clamp(1e-3, fastest);
         self.running = Some(self.motors.line(self.t, &target, feed));
+    }
+
+    /// One number of a stored parameter, where it was ever set.
+    fn parameter(&self, id: u8, at: usize) -> Option<f64> {
+        let bytes = self.parameters.get(&id)?.get(4 * at..4 * at + 4)?;
+        Some(f64::from(f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])))
     }
 
     fn settle(&mut self) {

@@ -63,6 +63,8 @@ pub struct Marlin {
     inches: bool,
     feed: f64,
     endstops: bool,
+    /// M120: switches are watched at all times, not during homing alone.
+    watches_switches: bool,
     extruder: f64,
     target: Vec<f64>,
     killed: bool,
@@ -102,6 +104,7 @@ impl Marlin {
             inches: false,
             feed: 25.0,
             endstops: true,
+            watches_switches: false,
             extruder: 0.0,
             killed: false,
             t: now,
@@ -249,6 +252,8 @@ impl Marlin {
                     self.spec.busy_ms = (s * 1000.0) as u64;
                 }
             }
+            "M120" => self.watches_switches = true,
+            "M121" => self.watches_switches = false,
             "M211" => self.soft_endstops(&words),
             "M92" | "M503" => {
                 let steps = self.motors.iter().map(|m| format!(" {}{:.2}", m.wire, m.counts_per_unit));
@@ -538,14 +543,23 @@ impl Firmware for Marlin {
         self.waiting = Waiting::Nothing;
         (self.last_line, self.relative, self.inches, self.feed) = (0, false, false, 25.0);
         (self.endstops, self.extruder, self.killed) = (true, 0.0, false);
+        self.watches_switches = false;
         self.target.fill(0.0);
         self.boot();
     }
 
-    /// Marlin only watches its endstops while homing; a hit at another time is a crash that loses
-    /// steps without a word.
+    /// Unless it was told M120, Marlin watches its switches while homing alone: a hit at another time is a
+    /// crash that loses steps without a word. With M120 the move is cut short, and M114 goes on telling its end.
     fn trip(&mut self, now: Timestamp) {
         self.t = now;
+        if self.watches_switches && !self.killed {
+            let at = self.motors.positions(now);
+            let axis = (0..self.motors.count()).find(|i| self.motors.velocity(*i, now) != 0.0).unwrap_or(0);
+            self.motors.halt(now);
+            self.planner.clear();
+            let hit = format!("echo:endstops hit:  {}:{:.2}", self.motors.axis(axis).wire, at[axis]);
+            return self.say(&hit);
+        }
         for i in 0..self.motors.count() {
             if self.motors.velocity(i, now) != 0.0 {
                 self.motors.lose(i, now, 0.5 * self.motors.axis(i).inward());

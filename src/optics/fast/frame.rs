@@ -1,0 +1,521 @@
+//! One picture: nodes every few pixels, and the blocks between them.
+//!
+//! Each pixel's position and normal come from the points of the pad that its four corners see: the normal of their two
+//! diagonals is the mean over the pixel, whatever the mesh does within. Where the corners see different things (the
+//! pad's rim, a fold, a wall in front) the pixel is the mean of what its corners see.
+
+use super::Precomputed;
+use super::horizon::Heights;
+use super::lanes::{Eight, Vectors, WIDTH, Work, with_widest};
+use super::raster::{Sample, corners};
+use super::shade::Block;
+use super::slots::{POSITION, Slots};
+use super::source::{LINES, Line};
+use super::vector::{irradiance, quadrilateral};
+use crate::optics::{Albedo, Film, Mesh};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+use std::f32::consts::FRAC_1_PI;
+
+/// Pixels between nodes.
+const NODE_PX: usize = WIDTH;
+/// Horizons are followed this far below a light, as a slope, so that they can be interpolated.
+const BELOW: f32 = 0.05;
+/// Where a pixel's corners differ in height by more than this many pixels, they see different things.
+const STEEPEST: f32 = 8.0;
+
+/// How finely.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Effort {
+    /// No block is larger, mm.
+    pub block_mm: f32,
+    /// No block with a shadow's edge is larger, mm.
+    pub shadow_mm: f32,
+    /// A block is divided when its middle departs from its corners' mean by more, mm.
+    pub curved_mm: f32,
+}
+
+/// A pad seen by the sensor, ready to be shaded.
+pub struct Frame<'a> {
+    pub once: &'a Precomputed,
+    pub mesh: &'a Mesh,
+    /// Points of the pad's lattice along x.
+    pub nx: usize,
+    pub albedo: &'a Albedo,
+    pub heights: &'a Heights,
+    /// What the corners of pixels see of the pad.
+    pub seen: &'a [Sample],
+    pub effort: Effort,
+    pub slots: Slots,
+}
+
+impl Frame<'_> {
+    /// The pictures, one or one a light.
+    pub fn render(&self) -> Vec<Film> {
+        let camera = &self.once.view.camera;
+        let (width, height, films) = (camera.width, camera.height, self.slots.films);
+        let nodes = self.nodes();
+        let mut pixels = vec![Vec3::ZERO; width * height * films];
+        pixels.par_chunks_mut(NODE_PX * width * films).enumerate().for_each(|(row, out)| {
+            with_widest(Row { frame: self, nodes: &nodes, row, out });
+        });
+        if films == 1 {
+            return vec![Film { width, height, pixels }];
+        }
+        // Rows of blocks hold one picture after the other.
+        let mut all = vec![Film::new(width, height); films];
+        for (row, block) in pixels.chunks(NODE_PX * width * films).enumerate() {
+            let n = block.len() / films;
+            for (film, part) in all.iter_mut().zip(block.chunks_exact(n)) {
+                film.pixels[row * NODE_PX * width..][..n].copy_from_slice(part);
+            }
+        }
+        all
+    }
+
+    /// Nodes along x and y.
+    fn node_counts(&self) -> [usize; 2] {
+        let camera = &self.once.view.camera;
+        [camera.width.div_ceil(NODE_PX) + 1, camera.height.div_ceil(NODE_PX) + 1]
+    }
+
+    /// All nodes, row by row.
+    fn nodes(&self) -> Vec<f32> {
+        let [columns, rows] = self.node_counts();
+        let stride = self.slots.stride();
+        let mut nodes = vec![0.0; columns * rows * stride];
+        nodes.par_chunks_mut(columns * stride).enumerate().for_each(|(row, out)| {
+            with_widest(NodeRow { frame: self, row, out });
+        });
+        nodes
+    }
+
+    /// What a corner of a pixel sees of the pad, if nothing fixed is in front.
+    #[inline(always)]
+    fn corner(&self, x: usize, y: usize) -> Option<(Vec3, u32)> {
+        let view = &self.once.view;
+        let sample = self.seen[y * view.corners()[0] + x];
+        let hidden = self.once.fixed(x, y).is_some_and(|value| value > sample.value);
+        (sample.triangle != u32::MAX && !hidden)
+            .then(|| (super::View::point(view.row(y)[x], sample.value), sample.triangle))
+    }
+
+    /// Fills up to eight nodes at once. `hidden` tells for which lights horizons are worth following.
+    #[inline(always)]
+    fn fill(&self, points: &[Vec3], out: &mut [f32], hidden: impl Fn(usize) -> bool) {
+        let (once, slots) = (self.once, &self.slots);
+        let stride = slots.stride();
+        let mut eight = Vectors::all(points[0]);
+        for (i, p) in points.iter().enumerate() {
+            (eight.x.0[i], eight.y.0[i], eight.z.0[i]) = (*p).into();
+        }
+        for (l, (source, table)) in once.sources.iter().zip(&once.tables.direct).enumerate() {
+            let phi = match (table, source.corners()) {
+                (None, Some(corners)) => quadrilateral(&corners, eight),
+                _ => Vectors::all(Vec3::ZERO),
+            };
+            for (i, (p, node)) in points.iter().zip(out.chunks_exact_mut(stride)).enumerate() {
+                let phi = match table {
+                    Some(table) => Vec3::from(table.at(*p)),
+                    None if source.faces(*p) => Vec3::new(phi.x.0[i], phi.y.0[i], phi.z.0[i]),
+                    None => Vec3::ZERO,
+                };
+                node[slots.direct(l)..][..3].copy_from_slice(&phi.to_array());
+            }
+        }
+        let grids =
+            if slots.films == 1 { std::slice::from_ref(&once.total) } else { &once.tables.probes[..] };
+        for (p, node) in points.iter().zip(out.chunks_exact_mut(stride)) {
+            node[POSITION..3].copy_from_slice(&p.to_array());
+            for (film, grid) in grids.iter().enumerate() {
+                let values = grid.at(*p);
+                node[slots.indirect(film)..][..values.len()].copy_from_slice(&values);
+            }
+            for l in 0..once.sources.len() {
+                self.horizons(l, *p, node, hidden(l));
+            }
+        }
+    }
+
+    /// Fills a node's part on what the pad hides of a light.
+    #[inline(always)]
+    fn horizons(&self, l: usize, p: Vec3, node: &mut [f32], hidden: bool) {
+        let (once, slots) = (self.once, &self.slots);
+        let source = &once.sources[l];
+        let lines = source.seen(p, once.view.slab.as_ref());
+        let mut hides = false;
+        for (k, [low, high]) in lines.iter().enumerate() {
+            let middle = (*low + *high).truncate() * 0.5;
+            let distance = middle.length().max(1e-6);
+            let ahead = middle / distance;
+            let slope = |q: Vec3| q.z / q.truncate().dot(ahead).max(1e-3 * distance);
+            let (from, to) = (slope(*low), slope(*high));
+            let least = from.min(to) - BELOW;
+            // A light that appears through a plate has no distance: the pad's rim ends the line of sight.
+            let distance = if slots.bent() { f32::INFINITY } else { distance };
+            let horizon = match hidden {
+                true => self.heights.horizon(p, ahead, distance, least, from.max(to)),
+                false => least,
+            };
+            node[slots.horizons(l) + k] = horizon;
+            hides |= horizon > from.min(to);
+        }
+        node[slots.light(l)] = f32::from(u8::from(hides));
+        // Behind a light there is nothing to take off.
+        node[slots.gain(l)] = f32::from(u8::from(source.faces(p)));
+        if slots.varying() {
+            let numbers = &mut node[slots.line(l, 0)..][..6 * LINES];
+            for (numbers, end) in numbers.chunks_exact_mut(3).zip(lines.iter().flatten()) {
+                numbers.copy_from_slice(&end.to_array());
+            }
+        }
+        if once.tables.direct[l].is_some() {
+            let phi = Vec3::from_slice(&node[slots.direct(l)..]);
+            node[slots.gain(l)] = phi.length() / outline(&lines).length().max(1e-12);
+        }
+    }
+}
+
+/// Vector irradiance of a whole ribbon.
+#[inline(always)]
+fn outline(lines: &[Line; LINES]) -> Vec3 {
+    let mut around = [Vec3::ZERO; 2 * LINES];
+    for (k, [low, high]) in lines.iter().enumerate() {
+        around[k] = *low;
+        around[2 * LINES - 1 - k] = *high;
+    }
+    irradiance(&around)
+}
+
+struct NodeRow<'a> {
+    frame: &'a Frame<'a>,
+    row: usize,
+    out: &'a mut [f32],
+}
+
+impl Work for NodeRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let camera = &self.frame.once.view.camera;
+        let y = (self.row * NODE_PX).min(camera.height);
+        let stride = self.frame.slots.stride();
+        for (batch, nodes) in self.out.chunks_mut(WIDTH * stride).enumerate() {
+            let seen = |i: usize| self.frame.corner(((batch * WIDTH + i) * NODE_PX).min(camera.width), y);
+            let mut points = [Vec3::ZERO; WIDTH];
+            let n = nodes.len() / stride;
+            (0..n).for_each(|i| points[i] = seen(i).map_or(Vec3::ZERO, |(p, _)| p));
+            self.frame.fill(&points[..n], nodes, |_| true);
+            for (i, node) in nodes.chunks_exact_mut(stride).enumerate() {
+                if seen(i).is_none() {
+                    node[POSITION] = f32::NAN;
+                }
+            }
+        }
+    }
+}
+
+/// A row of blocks.
+struct Row<'a> {
+    frame: &'a Frame<'a>,
+    nodes: &'a [f32],
+    row: usize,
+    out: &'a mut [Vec3],
+}
+
+/// A rectangle of pixels: x0, y0, x1, y1.
+type Rectangle = [usize; 4];
+
+/// Room for the work on a row.
+struct Desk<'a> {
+    frame: &'a Frame<'a>,
+    block: Block<'a>,
+    first: usize,
+    width: usize,
+    /// Coordinates of the corners, row by row, with room to read eight at the end.
+    stride: usize,
+    points: [Vec<f32>; 3],
+    uvs: Vec<Vec2>,
+    out: &'a mut [Vec3],
+    sums: Vec<Vectors>,
+    /// Nodes of a block that is being divided, and its parts that wait.
+    arena: Vec<f32>,
+    waiting: Vec<(Rectangle, [usize; 4])>,
+}
+
+/// Where nothing is seen.
+const NOWHERE: f32 = 1e30;
+
+impl Work for Row<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { frame, nodes, row, out } = self;
+        let camera = &frame.once.view.camera;
+        let (width, films) = (camera.width, frame.slots.films);
+        let first = row * NODE_PX;
+        let last = (first + NODE_PX).min(camera.height);
+        let stride = width + 1 + WIDTH;
+        let mut points = [(); 3].map(|()| vec![NOWHERE; (last - first + 1) * stride]);
+        let textured = matches!(frame.albedo, Albedo::Texture(_));
+        let mut uvs = vec![Vec2::ZERO; if textured { (last - first + 1) * stride } else { 0 }];
+        for y in first..=last {
+            for x in 0..=width {
+                let Some((p, triangle)) = frame.corner(x, y) else { continue };
+                let k = (y - first) * stride + x;
+                (points[0][k], points[1][k], points[2][k]) = (p.x, p.y, p.z);
+                if textured {
+                    uvs[k] = uv(frame.mesh, frame.nx, triangle, p);
+                }
+            }
+        }
+        let block = Block::new(&frame.slots, &frame.once.sources);
+        let sums = vec![Vectors::all(Vec3::ZERO); films];
+        let (arena, waiting) = (Vec::new(), Vec::new());
+        let mut desk = Desk { frame, block, first, width, stride, points, uvs, out, sums, arena, waiting };
+        let [columns, _] = frame.node_counts();
+        let size = frame.slots.stride();
+        for i in 0..columns - 1 {
+            let rectangle = [i * NODE_PX, first, ((i + 1) * NODE_PX).min(width), last];
+            let node = |i: usize, j: usize| &nodes[((row + j) * columns + i) * size..][..size];
+            let four = [node(i, 0), node(i + 1, 0), node(i, 1), node(i + 1, 1)];
+            if four.iter().all(|n| !n[POSITION].is_nan()) {
+                desk.divide(rectangle, four);
+            } else {
+                desk.partial(rectangle, four);
+            }
+        }
+    }
+}
+
+impl Desk<'_> {
+    #[inline(always)]
+    fn point(&self, x: usize, y: usize) -> Vec3 {
+        let k = (y - self.first) * self.stride + x;
+        Vec3::new(self.points[0][k], self.points[1][k], self.points[2][k])
+    }
+
+    /// A block some of whose nodes see no pad: they borrow a point of it that does.
+    #[inline(never)]
+    fn partial(&mut self, rectangle: Rectangle, four: [&[f32]; 4]) {
+        let [x0, y0, x1, y1] = rectangle;
+        let mut any = (y0..=y1).flat_map(|y| (x0..=x1).map(move |x| (x, y)));
+        let Some((x, y)) = any.find(|&(x, y)| self.point(x, y).x != NOWHERE) else {
+            (y0..y1).for_each(|y| (x0..x1).for_each(|x| self.mixed(x, y, rectangle)));
+            return;
+        };
+        let mut borrowed = vec![0.0; self.frame.slots.stride()];
+        self.frame.fill(&[self.point(x, y)], &mut borrowed, |_| true);
+        self.shade(rectangle, four.map(|n| if n[POSITION].is_nan() { &borrowed[..] } else { n }));
+    }
+
+    /// Divides a block until what it holds can be interpolated.
+    #[inline(always)]
+    fn divide(&mut self, rectangle: Rectangle, four: [&[f32]; 4]) {
+        if !self.finer(rectangle, four) {
+            self.shade(rectangle, four);
+            return;
+        }
+        // Parts that wait, with their nodes in the arena.
+        let stride = self.frame.slots.stride();
+        let mut arena = std::mem::take(&mut self.arena);
+        let mut waiting = std::mem::take(&mut self.waiting);
+        arena.clear();
+        four.iter().for_each(|n| arena.extend_from_slice(n));
+        waiting.push((rectangle, [0, 1, 2, 3]));
+        while let Some((rectangle, ids)) = waiting.pop() {
+            let [x0, y0, x1, y1] = rectangle;
+            if !self.finer(rectangle, ids.map(|k| &arena[k * stride..][..stride])) {
+                self.shade(rectangle, ids.map(|k| &arena[k * stride..][..stride]));
+                continue;
+            }
+            let (mx, my) = ((x0 + x1) / 2, (y0 + y1) / 2);
+            let next = arena.len() / stride;
+            let inner = [(mx, y0), (x0, my), (mx, my), (x1, my), (mx, y1)].map(|(x, y)| self.point(x, y));
+            let (old, fresh) = {
+                let at = arena.len();
+                arena.resize(at + inner.len() * stride, 0.0);
+                arena.split_at_mut(at)
+            };
+            let flag = |l: usize| self.frame.slots.light(l);
+            self.frame.fill(&inner, fresh, |l| ids.iter().any(|k| old[k * stride + flag(l)] > 0.0));
+            let [a, b, c, d] = ids;
+            let [top, left, middle, right, bottom] = [0, 1, 2, 3, 4].map(|k| next + k);
+            waiting.push(([x0, y0, mx, my], [a, top, left, middle]));
+            waiting.push(([mx, y0, x1, my], [top, b, middle, right]));
+            waiting.push(([x0, my, mx, y1], [left, middle, c, bottom]));
+            waiting.push(([mx, my, x1, y1], [middle, right, bottom, d]));
+        }
+        (self.arena, self.waiting) = (arena, waiting);
+    }
+
+    /// Whether a block must be divided, and can be.
+    #[inline(always)]
+    fn finer(&self, [x0, y0, x1, y1]: Rectangle, four: [&[f32]; 4]) -> bool {
+        let (effort, size) = (&self.frame.effort, (x1 - x0).max(y1 - y0) as f32 * self.frame.once.pixel_mm);
+        if x1 - x0 < 2 || y1 - y0 < 2 {
+            return false;
+        }
+        let (mx, my) = ((x0 + x1) / 2, (y0 + y1) / 2);
+        let shadow = || {
+            (0..self.frame.once.sources.len()).any(|l| {
+                let flag = self.frame.slots.light(l);
+                four.iter().any(|n| n[flag] > 0.0)
+            })
+        };
+        let curved = || {
+            let mean = 0.25 * four.iter().map(|n| n[POSITION + 2]).sum::<f32>();
+            (self.point(mx, my).z - mean).abs() > effort.curved_mm
+        };
+        let wanted = size > effort.block_mm || (size > effort.shadow_mm && shadow()) || curved();
+        let inner = [(mx, y0), (x0, my), (mx, my), (x1, my), (mx, y1)];
+        wanted && inner.iter().all(|&(x, y)| self.point(x, y).x != NOWHERE)
+    }
+
+    /// Shades a block.
+    #[inline(always)]
+    fn shade(&mut self, rectangle: Rectangle, four: [&[f32]; 4]) {
+        let [x0, y0, x1, y1] = rectangle;
+        self.block.prepare(four);
+        let scale = [1.0 / (x1 - x0) as f32, 1.0 / (y1 - y0) as f32];
+        let u = Eight(std::array::from_fn(|i| (i as f32 + 0.5) * scale[0]));
+        let limit = Eight::all(STEEPEST * self.frame.once.pixel_mm);
+        for y in y0..y1 {
+            let v = Eight::all(((y - y0) as f32 + 0.5) * scale[1]);
+            let k = (y - self.first) * self.stride + x0;
+            let read = |c: usize, k: usize| Eight(std::array::from_fn(|i| self.points[c][k..k + WIDTH][i]));
+            let vectors = |k: usize| Vectors { x: read(0, k), y: read(1, k), z: read(2, k) };
+            let (a, b) = (vectors(k), vectors(k + 1));
+            let (c, d) = (vectors(k + self.stride), vectors(k + self.stride + 1));
+            let low = a.z.min(b.z).min(c.z.min(d.z));
+            let high = a.z.max(b.z).max(c.z.max(d.z));
+            let uneven = limit.below(high - low);
+            let point = (a + b + c + d).scaled(Eight::all(0.25));
+            // The picture's y runs downwards: this order points to the camera.
+            let normal = (c - b).cross(d - a).unit();
+            let away = normal.z.below(Eight::all(0.0));
+            let normal = Vectors {
+                x: away.choose(-normal.x, normal.x),
+                y: away.choose(-normal.y, normal.y),
+                z: away.choose(-normal.z, normal.z),
+            };
+            self.sums.fill(Vectors::all(Vec3::ZERO));
+            self.block.light([u, v], point, normal, &self.frame.once.radiances, &mut self.sums);
+            self.put(x0, x1, y);
+            if uneven.any() {
+                for x in x0..x1 {
+                    if uneven.lane(x - x0) {
+                        self.mixed(x, y, rectangle);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Writes the light on a row of pixels.
+    #[inline(always)]
+    fn put(&mut self, x0: usize, x1: usize, y: usize) {
+        let rows = self.out.len() / (self.width * self.sums.len());
+        for x in x0..x1 {
+            let i = x - x0;
+            let albedo = self.albedo(x, y) * (FRAC_1_PI * self.frame.once.transmitted(x, y));
+            for (film, sum) in self.sums.iter().enumerate() {
+                let light = Vec3::new(sum.x.0[i], sum.y.0[i], sum.z.0[i]);
+                let veil = self.frame.once.veil(film, self.sums.len(), x, y);
+                self.out[(film * rows + y - self.first) * self.width + x] = albedo * light + veil;
+            }
+        }
+    }
+
+    /// The mean albedo of a pixel.
+    #[inline(always)]
+    fn albedo(&self, x: usize, y: usize) -> Vec3 {
+        match self.frame.albedo {
+            Albedo::Constant(albedo) => *albedo,
+            Albedo::Texture(texture) => {
+                let k = (y - self.first) * self.stride + x;
+                let (a, b) = (self.uvs[k], self.uvs[k + 1]);
+                let (c, d) = (self.uvs[k + self.stride], self.uvs[k + self.stride + 1]);
+                let mean = |n: usize| {
+                    let mut sum = Vec3::ZERO;
+                    for k in 0..n * n {
+                        let (s, t) = ((k % n) as f32 + 0.5, (k / n) as f32 + 0.5);
+                        let (s, t) = (s / n as f32, t / n as f32);
+                        sum += texture.sample(a.lerp(b, s).lerp(c.lerp(d, s), t));
+                    }
+                    sum / (n * n) as f32
+                };
+                // As many samples as the pixel covers texels, at least 2 x 2.
+                let size = Vec2::new(texture.width as f32, texture.height as f32);
+                let spread = ((d - a) * size).abs().max((c - b) * size).max_element();
+                if spread < 2.5 { mean(2) } else { mean((spread.ceil() as usize).clamp(3, 16)) }
+            }
+        }
+    }
+
+    /// A pixel whose corners see different things: the mean of what they see.
+    #[inline(never)]
+    fn mixed(&mut self, x: usize, y: usize, [x0, y0, x1, y1]: Rectangle) {
+        let once = self.frame.once;
+        let films = self.sums.len();
+        let rows = self.out.len() / (self.width * films);
+        let (mut points, mut normals) = (Vectors::all(Vec3::ZERO), Vectors::all(Vec3::Z));
+        let mut albedos = [Vec3::ZERO; 4];
+        let mut fixed = vec![Vec3::ZERO; films];
+        for (k, (cx, cy)) in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].into_iter().enumerate() {
+            match self.frame.corner(cx, cy) {
+                Some((p, triangle)) => {
+                    let ids = corners(triangle, self.frame.nx);
+                    let [a, b, c] = ids.map(|k| self.frame.mesh.positions[k]);
+                    let n = (b - a).cross(c - a).normalize_or_zero();
+                    let n = if n.dot(once.view.camera.origin - a) < 0.0 { -n } else { n };
+                    (points.x.0[k], points.y.0[k], points.z.0[k]) = p.into();
+                    (normals.x.0[k], normals.y.0[k], normals.z.0[k]) = n.into();
+                    albedos[k] = match self.frame.albedo {
+                        Albedo::Constant(albedo) => *albedo,
+                        Albedo::Texture(t) => t.sample(uv(self.frame.mesh, self.frame.nx, triangle, p)),
+                    };
+                }
+                None => {
+                    for (film, sum) in fixed.iter_mut().enumerate() {
+                        *sum += 0.25 * once.fixed_light(film, films, cx, cy);
+                    }
+                }
+            }
+        }
+        if albedos != [Vec3::ZERO; 4] {
+            let u = Eight::all(((x - x0) as f32 + 0.5) / (x1 - x0) as f32);
+            let v = Eight::all(((y - y0) as f32 + 0.5) / (y1 - y0) as f32);
+            self.sums.fill(Vectors::all(Vec3::ZERO));
+            self.block.light([u, v], points, normals, &once.radiances, &mut self.sums);
+        }
+        for (film, fixed) in fixed.iter().enumerate() {
+            let mut light = Vec3::ZERO;
+            for (k, albedo) in albedos.iter().enumerate() {
+                let sum = &self.sums[film];
+                light += *albedo * Vec3::new(sum.x.0[k], sum.y.0[k], sum.z.0[k]) * (0.25 * FRAC_1_PI);
+            }
+            let veil = once.veil(film, films, x, y);
+            self.out[(film * rows + y - self.first) * self.width + x] =
+                light * once.transmitted(x, y) + *fixed + veil;
+        }
+    }
+}
+
+/// Texture coordinate at a point of a triangle's plane; 0 where the mesh carries none.
+#[inline(always)]
+pub fn uv(mesh: &Mesh, nx: usize, triangle: u32, point: Vec3) -> Vec2 {
+    if mesh.uvs.is_empty() {
+        return Vec2::ZERO;
+    }
+    let ids = corners(triangle, nx);
+    let [a, b, c] = ids.map(|k| mesh.positions[k]);
+    let [ta, tb, tc] = ids.map(|k| mesh.uvs[k]);
+    let (e, f, p) = (b - a, c - a, point - a);
+    let n = e.cross(f);
+    let scale = 1.0 / n.length_squared().max(1e-30);
+    let (wb, wc) = (p.cross(f).dot(n) * scale, e.cross(p).dot(n) * scale);
+    ta + (tb - ta) * wb + (tc - ta) * wc
+}

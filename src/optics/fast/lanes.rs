@@ -1,0 +1,226 @@
+//! Eight numbers side by side, and the choice of the instruction set that works on them.
+//!
+//! Kernels are written once, as plain code over [`Eight`] that the compiler turns into the vector instructions of the
+//! function it is inlined into; [`with_widest`] calls it inside a function that has them switched on. Nothing is
+//! fused or reassociated, so every machine computes the same numbers.
+
+use std::array::from_fn;
+use std::ops::{Add, Mul, Neg, Sub};
+
+/// How many.
+pub const WIDTH: usize = 8;
+
+/// Eight `f32`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C, align(32))]
+pub struct Eight(pub [f32; WIDTH]);
+
+/// Which of the eight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Mask([bool; WIDTH]);
+
+impl Eight {
+    /// The same number eight times.
+    #[inline(always)]
+    pub fn all(value: f32) -> Self {
+        Self([value; WIDTH])
+    }
+
+    /// Lane by lane.
+    #[inline(always)]
+    fn zip(self, b: Self, f: impl Fn(f32, f32) -> f32) -> Self {
+        Self(from_fn(|i| f(self.0[i], b.0[i])))
+    }
+
+    /// The larger of each pair.
+    #[inline(always)]
+    pub fn max(self, b: Self) -> Self {
+        self.zip(b, |x, y| if x > y { x } else { y })
+    }
+
+    /// The smaller of each pair.
+    #[inline(always)]
+    pub fn min(self, b: Self) -> Self {
+        self.zip(b, |x, y| if x < y { x } else { y })
+    }
+
+    /// Quotients.
+    #[inline(always)]
+    pub fn over(self, b: Self) -> Self {
+        self.zip(b, |x, y| x / y)
+    }
+
+    /// Square roots.
+    #[inline(always)]
+    pub fn sqrt(self) -> Self {
+        Self(from_fn(|i| self.0[i].sqrt()))
+    }
+
+    /// Magnitudes.
+    #[inline(always)]
+    pub fn abs(self) -> Self {
+        Self(from_fn(|i| self.0[i].abs()))
+    }
+
+    /// Which are below the other's.
+    #[inline(always)]
+    pub fn below(self, b: Self) -> Mask {
+        Mask(from_fn(|i| self.0[i] < b.0[i]))
+    }
+}
+
+impl Mask {
+    /// Whether any is set.
+    #[inline(always)]
+    pub fn any(self) -> bool {
+        self.0.iter().fold(false, |any, &lane| any | lane)
+    }
+
+    /// Whether lane `i` is set.
+    #[inline(always)]
+    pub fn lane(self, i: usize) -> bool {
+        self.0[i]
+    }
+
+    /// Where set `a`, else `b`.
+    #[inline(always)]
+    pub fn choose(self, a: Eight, b: Eight) -> Eight {
+        Eight(from_fn(|i| if self.0[i] { a.0[i] } else { b.0[i] }))
+    }
+}
+
+impl Add for Eight {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        self.zip(b, |x, y| x + y)
+    }
+}
+
+impl Sub for Eight {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        self.zip(b, |x, y| x - y)
+    }
+}
+
+impl Mul for Eight {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        self.zip(b, |x, y| x * y)
+    }
+}
+
+impl Neg for Eight {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(self.0.map(|x| -x))
+    }
+}
+
+/// Eight vectors.
+#[derive(Debug, Clone, Copy)]
+pub struct Vectors {
+    /// Their first components.
+    pub x: Eight,
+    /// Their second components.
+    pub y: Eight,
+    /// Their third components.
+    pub z: Eight,
+}
+
+impl Vectors {
+    /// The same vector eight times.
+    #[inline(always)]
+    pub fn all(v: glam::Vec3) -> Self {
+        Self { x: Eight::all(v.x), y: Eight::all(v.y), z: Eight::all(v.z) }
+    }
+
+    /// Scalar products.
+    #[inline(always)]
+    pub fn dot(self, b: Self) -> Eight {
+        self.x * b.x + self.y * b.y + self.z * b.z
+    }
+
+    /// Vector products.
+    #[inline(always)]
+    pub fn cross(self, b: Self) -> Self {
+        Self {
+            x: self.y * b.z - self.z * b.y,
+            y: self.z * b.x - self.x * b.z,
+            z: self.x * b.y - self.y * b.x,
+        }
+    }
+
+    /// Each times a number of its own.
+    #[inline(always)]
+    pub fn scaled(self, s: Eight) -> Self {
+        Self { x: self.x * s, y: self.y * s, z: self.z * s }
+    }
+
+    /// Of length 1; what has no length becomes 0.
+    #[inline(always)]
+    pub fn unit(self) -> Self {
+        let length = self.dot(self).sqrt().max(Eight::all(1e-30));
+        self.scaled(Eight::all(1.0).over(length))
+    }
+}
+
+impl Add for Vectors {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self { x: self.x + b.x, y: self.y + b.y, z: self.z + b.z }
+    }
+}
+
+impl Sub for Vectors {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self { x: self.x - b.x, y: self.y - b.y, z: self.z - b.z }
+    }
+}
+
+/// Work that is to be compiled for several instruction sets: its `run` must be `#[inline(always)]`.
+pub trait Work {
+    /// What comes out.
+    type Output;
+    /// Does it.
+    fn run(self) -> Self::Output;
+}
+
+/// Runs the work with the widest vector instructions this machine has.
+pub fn with_widest<W: Work>(work: W) -> W::Output {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt")]
+        fn avx2<W: Work>(work: W) -> W::Output {
+            work.run()
+        }
+        #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,bmi1,bmi2,lzcnt")]
+        fn avx512<W: Work>(work: W) -> W::Output {
+            work.run()
+        }
+        let bits = is_x86_feature_detected!("bmi1")
+            && is_x86_feature_detected!("bmi2")
+            && is_x86_feature_detected!("lzcnt");
+        if bits
+            && is_x86_feature_detected!("avx512f")
+            && is_x86_feature_detected!("avx512vl")
+            && is_x86_feature_detected!("avx512dq")
+            && is_x86_feature_detected!("avx512bw")
+        {
+            // SAFETY: the features that the function is compiled for have just been found.
+            return unsafe { avx512(work) };
+        }
+        if bits && is_x86_feature_detected!("avx2") {
+            // SAFETY: as above.
+            return unsafe { avx2(work) };
+        }
+    }
+    work.run()
+}

@@ -1,0 +1,158 @@
+//! A clear plate between camera and pad, as the fast renderer sees it: rays through it in closed form.
+//!
+//! The faces are at right angles to z and wider than the box they stand in, so a path through the plate stays in one
+//! upright plane, whatever it does inside. With x the tangent of its angle in air, h the heights travelled in air and
+//! t that in glass, it gets r = h x + t x / sqrt(n^2 + (n^2 - 1) x^2) ahead (see `reference::plate`). A path that is
+//! reflected twice inside is one through a plate three times as thick.
+
+use crate::optics::bsdf::fresnel;
+use crate::optics::{Error, Material, Mesh, Role, Scene};
+use glam::{Vec2, Vec3};
+
+/// Orders of inner reflection that are followed.
+const ORDERS: usize = 4;
+
+/// A plate of infinite width.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Slab {
+    /// Height of the lower face, mm.
+    pub low: f32,
+    /// Height of the upper face, mm.
+    pub high: f32,
+    /// Index of refraction.
+    pub ior: f32,
+}
+
+/// How a point above is seen from below.
+#[derive(Debug, Clone, Copy)]
+pub struct Sighted {
+    /// A vector in the direction in which it appears.
+    pub offset: Vec3,
+    /// Part of its radiance that arrives.
+    pub transmitted: f32,
+}
+
+impl Slab {
+    /// The plate of a scene; None where there is none, an error where it is no flat one between camera and pad.
+    pub fn of(scene: &Scene) -> Result<Option<Self>, Error> {
+        let mut plates = scene.surfaces.iter().filter(|s| s.role == Role::Plate);
+        let Some(plate) = plates.next() else { return Ok(None) };
+        let refused = |what: &str| Err(super::unsupported("plate", &plate.name, what));
+        let Material::Dielectric { ior } = plate.material else {
+            return refused("smooth plates");
+        };
+        let z = |mesh: &Mesh| {
+            let heights = mesh.positions.iter().map(|p| p.z);
+            heights.fold([f32::INFINITY, f32::NEG_INFINITY], |[l, h], z| [l.min(z), h.max(z)])
+        };
+        let [low, high] = z(&plate.mesh);
+        let on_a_face = |p: &glam::Vec3| p.z == low || p.z == high;
+        if plates.next().is_some()
+            || plate.mesh.triangles.len() != 12
+            || !plate.mesh.positions.iter().all(on_a_face)
+        {
+            return refused("one plate with level faces");
+        }
+        let camera = &scene.camera;
+        if camera.forward.dot(Vec3::NEG_Z) < 1.0 - 1e-5 || camera.origin.z <= high {
+            return refused("plates under a camera that looks straight down on them");
+        }
+        let pad = scene.surface(Role::Pad).map_or(f32::NEG_INFINITY, |pad| z(&pad.mesh)[1]);
+        if pad >= low {
+            return refused("plates above the pad");
+        }
+        for light in &scene.lights {
+            let [from, to] = z(&light.shape.tessellate());
+            if to > low && from < high {
+                return refused("plates that no light reaches into");
+            }
+        }
+        Ok(Some(Self { low, high, ior }))
+    }
+
+    fn glass(&self) -> f32 {
+        self.high - self.low
+    }
+
+    /// Way ahead in a thickness `t` of glass.
+    #[inline(always)]
+    fn ahead(&self, x: f32, t: f32) -> f32 {
+        let n2 = self.ior * self.ior;
+        t * x / (n2 + (n2 - 1.0) * x * x).sqrt()
+    }
+
+    /// Tangent of the angle in air of the path that gets `r` ahead over `air` and `glass`.
+    #[inline(always)]
+    fn tangent(&self, r: f32, air: f32, glass: f32) -> f32 {
+        let n2 = self.ior * self.ior;
+        let mut x = r / (air + glass / self.ior);
+        // Concave: Newton's method from the left never overshoots; four steps reach single precision.
+        for _ in 0..6 {
+            let root = (n2 + (n2 - 1.0) * x * x).sqrt();
+            let slope = air + glass * n2 / (root * root * root);
+            x += (r - air * x - glass * x / root) / slope;
+        }
+        x
+    }
+
+    /// Where a ray from above goes on below: its point on the lower face, and its direction for a unit of depth.
+    pub fn below(&self, origin: Vec3, direction: Vec3) -> [Vec3; 2] {
+        let flat = direction.truncate() / -direction.z;
+        let x = flat.length();
+        let ahead = if x > 0.0 { flat / x } else { Vec2::X };
+        let r = x * (origin.z - self.high) + self.ahead(x, self.glass());
+        [(origin.truncate() + ahead * r).extend(self.low), flat.extend(-1.0)]
+    }
+
+    /// The tangent at which a camera above sees a point below, and its value: one over its depth below the plate.
+    #[inline(always)]
+    pub fn apparent(&self, camera: Vec3, p: Vec3) -> (Vec2, f32) {
+        let flat = (p - camera).truncate();
+        let r = flat.length();
+        let depth = (self.low - p.z).max(1e-3);
+        let x = self.tangent(r, camera.z - self.high + depth, self.glass());
+        (if r > 0.0 { flat * (x / r) } else { flat }, 1.0 / depth)
+    }
+
+    /// What of a ray from below arrives above, all inner reflections together.
+    pub fn transmitted(&self, direction: Vec3) -> f32 {
+        let r = fresnel(direction.z.abs(), self.ior);
+        (1.0 - r) / (1.0 + r)
+    }
+
+    /// The two mirror images that a ray from above sees: in the upper face, and in the lower with all further ones; where
+    /// each leaves the upper face, and its weight.
+    pub fn mirrored(&self, origin: Vec3, direction: Vec3) -> [(Vec3, f32); 2] {
+        let r = fresnel(direction.z.abs(), self.ior);
+        let flat = direction.truncate() / -direction.z;
+        let x = flat.length();
+        let ahead = if x > 0.0 { flat / x } else { Vec2::X };
+        let first = origin.truncate() + flat * (origin.z - self.high);
+        let second = first + ahead * (2.0 * self.ahead(x, self.glass()));
+        [(first.extend(self.high), r), (second.extend(self.high), 2.0 * r / (1.0 + r) - r)]
+    }
+
+    /// How a point `y` above appears from a point `p` below after `2 order` reflections inside.
+    pub fn sighted(&self, p: Vec3, y: Vec3, order: usize) -> Sighted {
+        let flat = (y - p).truncate();
+        let r = flat.length();
+        let (air, glass) = ((y.z - p.z) - self.glass(), self.glass() * (2 * order + 1) as f32);
+        let air = air.max(1e-4);
+        let x = self.tangent(r, air, glass);
+        let cos = 1.0 / (1.0 + x * x).sqrt();
+        let face = fresnel(cos, self.ior);
+        let transmitted = (1.0 - face) * (1.0 - face) * face.powi(2 * order as i32);
+        let ahead = if r > 0.0 { flat / r } else { Vec2::X };
+        Sighted { offset: (ahead * x).extend(1.0), transmitted }
+    }
+
+    /// The orders worth following.
+    pub fn orders() -> std::ops::Range<usize> {
+        0..ORDERS
+    }
+
+    /// Whether the point is below the plate.
+    pub fn covers(&self, p: Vec3) -> bool {
+        p.z < self.low
+    }
+}

@@ -1,0 +1,177 @@
+//! Lights as ribbons: a few upright lines from a low to a high point, side by side.
+//!
+//! What the pad hides of a light, and what dips below a surface's own horizon, is its lower part. Cutting each line at
+//! the higher of the two horizons and taking off the irradiance of what is below leaves the light that arrives. The
+//! lines of a rectangle are fixed; those of a tube turn with the receiver, and through a plate lines appear elsewhere.
+
+use super::plate::Slab;
+use super::tables::arriving;
+use crate::optics::{Light, LightShape, emitter::Emitter};
+use glam::Vec3;
+
+/// Lines of a ribbon.
+pub const LINES: usize = 3;
+
+/// The two ends of a line: low, high.
+pub type Line = [Vec3; 2];
+
+/// A light as the pad sees it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Source {
+    /// Shape of the luminous surface.
+    outline: Outline,
+    /// Unit normal; 0 for a tube.
+    normal: Vec3,
+    /// Exponent of the angular profile.
+    cosine_power: f32,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Outline {
+    /// Corners counter-clockwise as seen from the shining side, from the first to the second runs the low edge.
+    Rectangle([Vec3; 4]),
+    /// Centre, half of the level diameter, half of the upright one.
+    Disc(Vec3, Vec3, Vec3),
+    /// Ends of the axis, and the radius.
+    Tube(Vec3, Vec3, f32),
+}
+
+/// A light as walls and camera see it.
+#[derive(Debug, Clone)]
+pub struct Lamp {
+    /// As the pad sees it.
+    pub source: Source,
+    /// Middle of the luminous surface.
+    pub center: Vec3,
+    emitter: Emitter,
+}
+
+impl Lamp {
+    /// From a light; None where there is no [`Source`].
+    pub fn new(light: &Light) -> Option<Self> {
+        let emitter = Emitter::new(light);
+        Some(Self { source: Source::new(light)?, center: emitter.center, emitter })
+    }
+
+    /// Irradiance of a receiver, of radiance 1, nothing in between.
+    pub fn irradiance(&self, point: Vec3, normal: Vec3) -> f32 {
+        match self.emitter.analytic {
+            true => self.emitter.unoccluded(point, normal),
+            false => arriving(&self.source, None, point).dot(normal).max(0.0),
+        }
+    }
+}
+
+impl Source {
+    /// From a light; None when it is no ribbon (a mesh, or two-sided).
+    pub fn new(light: &Light) -> Option<Self> {
+        if light.two_sided {
+            return None;
+        }
+        let (outline, normal) = match &light.shape {
+            LightShape::Rectangle { center, half_u, half_v } => {
+                let corner = |s: f32, t: f32| *center + *half_u * s + *half_v * t;
+                let corners = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
+                (Outline::Rectangle(level(corners)), half_u.cross(*half_v).normalize_or_zero())
+            }
+            LightShape::Disc { center, normal, radius } => {
+                let across = Vec3::Z.cross(*normal);
+                let across = if across.length() > 1e-4 { across.normalize() } else { Vec3::X };
+                (Outline::Disc(*center, across * *radius, normal.cross(across) * *radius), *normal)
+            }
+            LightShape::Tube { from, to, radius } => (Outline::Tube(*from, *to, *radius), Vec3::ZERO),
+            LightShape::Mesh(_) => return None,
+        };
+        Some(Self { outline, normal, cosine_power: light.cosine_power })
+    }
+
+    /// Whether its lines are the same from everywhere.
+    pub fn is_fixed(&self) -> bool {
+        matches!(self.outline, Outline::Rectangle(_))
+    }
+
+    /// Whether Lambert's formula for its corners is exact.
+    pub fn corners(&self) -> Option<[Vec3; 4]> {
+        match self.outline {
+            Outline::Rectangle(corners) if self.cosine_power == 0.0 => Some(corners),
+            _ => None,
+        }
+    }
+
+    /// Whether a point is on the shining side.
+    #[inline]
+    pub fn faces(&self, point: Vec3) -> bool {
+        match self.outline {
+            Outline::Tube(..) => true,
+            Outline::Rectangle([a, ..]) | Outline::Disc(a, ..) => {
+                (point - a).dot(self.normal) > 1e-6 * (point - a).length()
+            }
+        }
+    }
+
+    /// Radiance towards a point, for a light of radiance 1 along its normal at `from`.
+    pub fn profile(&self, from: Vec3, point: Vec3) -> f32 {
+        if self.cosine_power == 0.0 || self.normal == Vec3::ZERO {
+            return 1.0;
+        }
+        (point - from).normalize_or_zero().dot(self.normal).max(0.0).powf(self.cosine_power)
+    }
+
+    /// Line `k` of `n + 1` evenly spread ones, as it stands for a receiver at `p`.
+    pub fn line(&self, k: usize, n: usize, p: Vec3) -> Line {
+        let s = k as f32 / n as f32;
+        match self.outline {
+            Outline::Rectangle([a, b, c, d]) => [a.lerp(b, s), d.lerp(c, s)],
+            Outline::Disc(center, across, up) => {
+                // Even in the angle: the area between two chords is then that of a trapezoid enlarged by `fill`.
+                let phi = std::f32::consts::PI * (1.0 - s);
+                let step = std::f32::consts::PI / n as f32;
+                let fill = (step / step.sin()).sqrt();
+                let (x, z) = (phi.cos() * fill, phi.sin() * fill);
+                [center + across * x - up * z, center + across * x + up * z]
+            }
+            Outline::Tube(from, to, radius) => {
+                let axis = (to - from).normalize_or(Vec3::X);
+                let middle = from.lerp(to, 0.5);
+                // The tangent planes through the receiver touch it here; nearer than the axis by r^2/d.
+                let away = middle - p;
+                let away = away - axis * away.dot(axis);
+                let distance = away.length().max(radius * 1.001);
+                let ahead = away / distance;
+                let side = axis.cross(ahead);
+                let sine = radius / distance;
+                let half = radius * (1.0 - sine * sine).sqrt();
+                let back = -ahead * (radius * sine);
+                if axis.z.abs() < 0.7 {
+                    let [a, b] = if side.z >= 0.0 { [from, to] } else { [to, from] };
+                    let up = if side.z >= 0.0 { side } else { -side };
+                    let at = a.lerp(b, s) + back;
+                    [at - up * half, at + up * half]
+                } else {
+                    let [low, high] = if from.z < to.z { [from, to] } else { [to, from] };
+                    let right = (high - low).normalize_or_zero().cross(ahead);
+                    let shift = right * (half * (1.0 - 2.0 * s)) + back;
+                    [low + shift, high + shift]
+                }
+            }
+        }
+    }
+
+    /// Its lines as vectors from `p`, as they appear there.
+    pub fn seen(&self, p: Vec3, slab: Option<&Slab>) -> [Line; LINES] {
+        std::array::from_fn(|k| {
+            self.line(k, LINES - 1, p).map(|end| match slab {
+                Some(slab) if slab.covers(p) && end.z > slab.high => slab.sighted(p, end, 0).offset,
+                _ => end - p,
+            })
+        })
+    }
+}
+
+/// Turns the corners so that the first edge is the lower of the two more level ones.
+fn level(corners: [Vec3; 4]) -> [Vec3; 4] {
+    let [a, b, c, d] = corners;
+    let slope = |e: Vec3| e.z.abs() / e.length().max(1e-20);
+    let [a, b, c, d] = if slope(b - a) <= slope(d - a) { [a, b, c, d] } else { [b, c, d, a] };
+    if a.z + b.z <= c.z + d.z { [a, b, c, d] } else { [c, d, a, b] }
+}
