@@ -136,6 +136,6 @@ impl Args {
 
 /// Sessions that do not answer may be this rig's: that is no success.
 pub(super) fn tell_mute(mute: &[ControlError]) -> Exit {
-    mute.iter().for_each(|e| screen::error(e));
+    mute.iter().for_each(screen::error);
     if mute.is_empty() { Exit::Done } else { Exit::Failed }
 }

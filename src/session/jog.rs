@@ -179,11 +179,17 @@ impl<'a> Jog<'a> {
         let (from, _) = self.bench.measured().await?;
         let role = match self.bench.map.role(direction.coordinate) {
             Some(role) => role.clone(),
-            None => return Ok(self.hold.let_go()),
+            None => {
+                self.hold.let_go();
+                return Ok(());
+            }
         };
         let end = if direction.positive { f64::INFINITY } else { f64::NEG_INFINITY };
         let here = direction.coordinate.of(&from);
-        let Some(end) = self.allowed(&from, direction, end) else { return Ok(self.hold.let_go()) };
+        let Some(end) = self.allowed(&from, direction, end) else {
+            self.hold.let_go();
+            return Ok(());
+        };
         self.doing(Doing::Glide(direction));
         let feeds = self.feeds(direction.coordinate);
         let feed = if direction.coordinate == Coordinate::Theta { feeds.deg_s } else { feeds.mm_s };
@@ -358,9 +364,7 @@ async fn attended<T>(
     loop {
         tokio::select! {
             ended = &mut motion => return (ended, ending),
-            wish = wishes.recv(), if !ending => match wish {
-                wish => ending |= take(wish, hold, pace, stops),
-            },
+            wish = wishes.recv(), if !ending => ending |= take(wish, hold, pace, stops),
         }
     }
 }

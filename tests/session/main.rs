@@ -6,6 +6,7 @@
 
 mod bench_over_pipes;
 mod faults;
+mod overhead;
 
 use bench_over_pipes::{TestBench, press, pressed_by_grbl, slip, touching};
 use std::collections::BTreeSet;

@@ -5,6 +5,7 @@ use crate::cli::bench::load::{Load, cpu_seconds};
 use crate::cli::exit::Exit;
 use crate::cli::{screen, signals};
 use crate::clock::Clock;
+use crate::device::link::StopHandle;
 use crate::device::mover::{Mover, Reference};
 use crate::device::port;
 use crate::protocol::StopKind;
@@ -47,7 +48,8 @@ async fn serve(args: &Args) -> Result<(), Box<dyn std::error::Error>> {
     // One switch for each round, raised by the thread of signals as in any session.
     let arm = || {
         let switch = StopSwitch::new();
-        for handle in stops.iter().cloned() {
+        for handle in &stops {
+            let handle: StopHandle = handle.clone();
             let kind = |level| {
                 if level == StopLevel::Emergency { StopKind::Emergency } else { StopKind::Controlled }
             };
