@@ -83,6 +83,7 @@ impl Args {
             size: self.size.as_deref().map(raster).transpose()?,
             repeat: self.repeat,
             seed: self.seed,
+            store: crate::assemble::cache::optics_store(),
         };
         let (film, times) = render_file(&self.scene, &request)?;
         if self.out.extension().is_some_and(|e| e == "png") {

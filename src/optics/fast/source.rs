@@ -9,8 +9,8 @@ use super::tables::arriving;
 use crate::optics::{Light, LightShape, emitter::Emitter};
 use glam::Vec3;
 
-/// Lines of a ribbon.
-pub const LINES: usize = 3;
+/// Lines of a ribbon, an odd number (found by experiment: with 3 the shadow of a narrow post shows them).
+pub const LINES: usize = 5;
 
 /// The two ends of a line: low, high.
 pub type Line = [Vec3; 2];
@@ -51,6 +51,15 @@ impl Lamp {
     pub fn new(light: &Light) -> Option<Self> {
         let emitter = Emitter::new(light);
         Some(Self { source: Source::new(light)?, center: emitter.center, emitter })
+    }
+
+    /// A point just before the middle of the surface that shines at a receiver.
+    pub fn middle_from(&self, receiver: Vec3) -> Vec3 {
+        let to = receiver - self.center;
+        match self.source.outline {
+            Outline::Tube(_, _, radius) => self.center + to.normalize_or_zero() * (1.02 * radius),
+            _ => self.center + to * 1e-4,
+        }
     }
 
     /// Irradiance of a receiver, of radiance 1, nothing in between.
