@@ -118,11 +118,10 @@ fn solve(a: &[Vec<f64>], b: &[f64], free: &[bool]) -> Vec<f64> {
             m[k][k] = 1.0;
             continue;
         }
+        let row = m[k].clone();
         for i in (0..n).filter(|&i| i != k) {
-            let factor = m[i][k] / m[k][k];
-            for j in k..=n {
-                m[i][j] -= factor * m[k][j];
-            }
+            let factor = m[i][k] / row[k];
+            m[i].iter_mut().zip(&row).for_each(|(value, pivot)| *value -= factor * pivot);
         }
     }
     let mut x = vec![0.0; b.len()];

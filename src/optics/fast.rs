@@ -409,10 +409,12 @@ impl Effort {
 const BASE_ERROR: [f64; 2] = [0.002, 0.004];
 /// What a plate adds: its light is solved by fewer rays than it takes.
 const PLATE_ERROR: f64 = 0.004;
+/// What a tube adds: the wall behind it is lit more unevenly than patches resolve.
+const TUBE_ERROR: f64 = 0.016;
 /// Part of the bounce that is wrong or left out.
 const BOUNCE_ERROR: f64 = 0.35;
 /// What steep flanks add, by the rms of |n - z|^2: shadows' edges are interpolated between nodes.
-const STEEP_ERROR: f64 = 0.065;
+const STEEP_ERROR: f64 = 0.08;
 /// Variance of the mean of four corners, as part of their own variance: they are shared with the neighbours.
 const SPREAD_ERROR: f64 = 0.25;
 
@@ -430,7 +432,8 @@ impl Renderer<'_> {
         let base = BASE_ERROR[usize::from(matches!(self.albedo, Albedo::Texture(_)))];
         let steep = STEEP_ERROR * pictures.steepness;
         let plate = if self.once.view.slab.is_some() { PLATE_ERROR } else { 0.0 };
-        [base, bounce, spread, steep, plate].iter().map(|e| e * e).sum::<f64>().sqrt()
+        let tube = if self.once.sources.iter().any(Source::is_tube) { TUBE_ERROR } else { 0.0 };
+        [base, bounce, spread, steep, plate, tube].iter().map(|e| e * e).sum::<f64>().sqrt()
     }
 }
 
