@@ -4,6 +4,7 @@
 //! below takes small parameters; everything above takes what is assembled here.
 
 pub mod bench;
+pub mod cache;
 pub mod records;
 pub mod twin;
 

@@ -17,6 +17,7 @@
 //! What it does not do: subsurface scattering, spectra, polarisation, motion blur.
 
 pub mod accel;
+pub mod basis;
 pub mod bench_scene;
 pub mod bsdf;
 pub mod camera;
@@ -37,9 +38,11 @@ pub mod sampler;
 pub mod scene;
 pub mod sensor;
 pub mod sensor_scene;
+pub mod store;
 pub mod surface;
 pub mod texture;
 
+pub use basis::LightBasis;
 pub use camera::Camera;
 pub use film::Film;
 pub use light::{Light, LightShape};
@@ -94,6 +97,16 @@ pub enum Error {
         what: String,
         /// What to do about it.
         next: String,
+    },
+    /// The fast mode has no way to render this; the reference mode has.
+    #[error("{key} = {value}: the fast mode renders {what}; set optics.mode = \"reference\" for this sensor")]
+    NotFast {
+        /// What of the scene.
+        key: &'static str,
+        /// The offending value.
+        value: String,
+        /// What the fast mode can do.
+        what: String,
     },
     /// A setting makes no sense together with the scene.
     #[error("optics.{key} = {value}: {why}")]

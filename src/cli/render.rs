@@ -9,6 +9,7 @@ use super::screen;
 use crate::image::{Picture, png};
 use crate::optics::Error;
 use crate::optics::bench_scene::Variant;
+use crate::optics::imager::Notice;
 use crate::optics::render_file::{Mode, Request, Times, render_file};
 use std::path::PathBuf;
 
@@ -53,25 +54,33 @@ impl Args {
     /// Runs the subcommand.
     pub fn run(self) -> Exit {
         match self.render() {
-            Ok(times) if self.json => {
-                screen::json(&times);
-                Exit::Done
+            Ok(times) if times.estimated_error.is_some_and(|e| e > self.tolerance) => {
+                let estimated = times.estimated_error.unwrap_or_default();
+                screen::warning(Notice::AboveTolerance { estimated, tolerance: self.tolerance });
+                self.tell(&times)
             }
-            Ok(times) => {
-                let ([width, height], frames) = (times.size, times.per_frame_s.len());
-                screen::result(format_args!(
-                    "{}: {width} x {height}, {:.3} s once, {:.3} s a frame (best of {frames})",
-                    self.out.display(),
-                    times.one_off_s,
-                    times.best_frame_s,
-                ));
-                Exit::Done
-            }
+            Ok(times) => self.tell(&times),
             Err(e) => {
                 screen::error(e);
                 Exit::Refused
             }
         }
+    }
+
+    fn tell(&self, times: &Times) -> Exit {
+        if self.json {
+            screen::json(times);
+            return Exit::Done;
+        }
+        let ([width, height], frames) = (times.size, times.per_frame_s.len());
+        screen::result(format_args!(
+            "{}: {width} x {height}, {:.3} s once, {:.3} s a frame (best of {frames}){}",
+            self.out.display(),
+            times.one_off_s,
+            times.best_frame_s,
+            times.estimated_error.map_or_else(String::new, |e| format!(", relRMSE about {:.2} %", 100.0 * e)),
+        ));
+        Exit::Done
     }
 
     fn render(&self) -> Result<Times, Error> {
@@ -83,6 +92,7 @@ impl Args {
             size: self.size.as_deref().map(raster).transpose()?,
             repeat: self.repeat,
             seed: self.seed,
+            store: crate::assemble::cache::optics_store(),
         };
         let (film, times) = render_file(&self.scene, &request)?;
         if self.out.extension().is_some_and(|e| e == "png") {

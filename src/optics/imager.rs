@@ -6,6 +6,7 @@
 
 use super::sensor::{SensorOptics, TextureMode};
 use super::sensor_scene::{face, scene};
+use super::store::Store;
 use super::surface::DisplacedSurface;
 use super::{Error, Film, Scene, Texture, fast, imaging, reference};
 use glam::{Vec2, Vec3};
@@ -45,6 +46,48 @@ impl From<reference::Settings> for Method {
     }
 }
 
+/// What whoever uses the pictures should know.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Notice {
+    /// The fast mode cannot render this sensor: the reference mode does, far slower.
+    FellBack {
+        /// Why.
+        why: String,
+        /// Samples a pixel.
+        samples: u32,
+    },
+    /// A picture may be worse than was asked for.
+    AboveTolerance {
+        /// relRMSE to expect.
+        estimated: f64,
+        /// relRMSE asked for.
+        tolerance: f64,
+    },
+}
+
+impl std::fmt::Display for Notice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Notice::FellBack { why, samples } => {
+                write!(
+                    f,
+                    "pictures are made in the reference mode, {samples} samples a pixel, which is slow: {why}"
+                )
+            }
+            Notice::AboveTolerance { estimated, tolerance } => write!(
+                f,
+                "the picture's relRMSE is estimated at {:.2} %, above the {:.2} % asked for; \
+                 optics.mode = \"reference\" has no such limit",
+                100.0 * estimated,
+                100.0 * tolerance
+            ),
+        }
+    }
+}
+
+/// Samples a pixel where the fast mode falls back.
+const FALLBACK_SAMPLES: u32 = 64;
+
 /// A sensor ready to be seen.
 #[derive(Debug, Clone)]
 pub struct Imager {
@@ -55,6 +98,7 @@ pub struct Imager {
     untouched: Film,
     untouched_uv: Vec<Option<Vec2>>,
     exposure: f32,
+    notices: Vec<Notice>,
 }
 
 /// What an imager makes of one surface.
@@ -66,6 +110,10 @@ pub struct Picture {
     pub light: Film,
     /// Pad-frame height of what each pixel's centre sees, mm, row 0 on top; NaN where it sees no pad.
     pub depth_mm: Vec<f32>,
+    /// relRMSE to expect of the light (fast mode).
+    pub estimated_error: Option<f64>,
+    /// Set when that is above what was asked for.
+    pub notice: Option<Notice>,
     /// Seconds for mesh and tree.
     pub build_s: f64,
     /// Seconds for rendering and image formation.
@@ -83,6 +131,20 @@ impl Imager {
         method: impl Into<Method>,
         background: Option<Background<'_>>,
         untouched: &DisplacedSurface,
+    ) -> Result<Self, Error> {
+        Self::with_store(sensor, method, background, untouched, None)
+    }
+
+    /// The same, with a folder in which the fast mode keeps what it prepares.
+    ///
+    /// # Errors
+    /// As [`Imager::new`].
+    pub fn with_store(
+        sensor: &SensorOptics,
+        method: impl Into<Method>,
+        background: Option<Background<'_>>,
+        untouched: &DisplacedSurface,
+        store: Option<&Store>,
     ) -> Result<Self, Error> {
         if let Some(b) = background.filter(|b| b.rgb.len() != b.width * b.height * 3 || b.rgb.is_empty()) {
             return Err(Error::Setting {
@@ -103,15 +165,30 @@ impl Imager {
             untouched: Film::new(0, 0),
             untouched_uv: Vec::new(),
             exposure: 1.0,
+            notices: Vec::new(),
         };
         let rest = imager.scene(&untouched.at_rest())?;
         imager.engine = match method.into() {
             Method::Reference(settings) => Engine::Reference(settings),
-            Method::Fast { tolerance } => Engine::Fast(Arc::new(fast::Precomputed::new(&rest)?), tolerance),
+            Method::Fast { tolerance } => {
+                let prepared = match store {
+                    Some(store) => store.prepare(&rest).map(|(once, _)| once),
+                    None => fast::Precomputed::new(&rest),
+                };
+                match prepared {
+                    Ok(once) => Engine::Fast(Arc::new(once), tolerance),
+                    Err(why @ Error::NotFast { .. }) => {
+                        let samples = FALLBACK_SAMPLES;
+                        imager.notices.push(Notice::FellBack { why: why.to_string(), samples });
+                        Engine::Reference(reference::Settings { samples, seed: 0 })
+                    }
+                    Err(e) => return Err(e),
+                }
+            }
         };
         let (light, sights) = {
             let renderer = imager.renderer(&rest)?;
-            (renderer.render(), renderer.sights())
+            (renderer.render().0, renderer.sights())
         };
         imager.untouched = light;
         imager.untouched_uv = sights.iter().map(|s| s.map(|s| s.uv)).collect();
@@ -125,6 +202,11 @@ impl Imager {
         Ok(imager)
     }
 
+    /// What holds for all pictures.
+    pub fn notices(&self) -> &[Notice] {
+        &self.notices
+    }
+
     /// The picture of a face. `index` numbers the capture, for the camera's noise.
     ///
     /// # Errors
@@ -135,7 +217,7 @@ impl Imager {
         let renderer = self.renderer(&scene)?;
         let build_s = start.elapsed().as_secs_f64();
         let start = Instant::now();
-        let light = renderer.render();
+        let (light, estimated_error) = renderer.render();
         let sights = renderer.sights();
         let rgb = match (&self.background, self.sensor.texture) {
             (Some(background), TextureMode::Ratio) => {
@@ -145,7 +227,14 @@ impl Imager {
             _ => imaging::expose(&light, &self.sensor.image, self.exposure, index),
         };
         let depth_mm = sights.iter().map(|s| s.map_or(f32::NAN, |s| s.point.z)).collect();
-        Ok(Picture { rgb, light, depth_mm, build_s, render_s: start.elapsed().as_secs_f64() })
+        let notice = match (&self.engine, estimated_error) {
+            (Engine::Fast(_, tolerance), Some(estimated)) if estimated > *tolerance => {
+                Some(Notice::AboveTolerance { estimated, tolerance: *tolerance })
+            }
+            _ => None,
+        };
+        let render_s = start.elapsed().as_secs_f64();
+        Ok(Picture { rgb, light, depth_mm, estimated_error, notice, build_s, render_s })
     }
 
     fn scene(&self, surface: &DisplacedSurface) -> Result<Scene, Error> {
@@ -202,10 +291,14 @@ enum Ready<'a> {
 }
 
 impl Ready<'_> {
-    fn render(&self) -> Film {
+    /// The picture and, where it is known, what relRMSE to expect of it.
+    fn render(&self) -> (Film, Option<f64>) {
         match self {
-            Ready::Reference(renderer, settings) => renderer.render(settings),
-            Ready::Fast(renderer) => renderer.render(),
+            Ready::Reference(renderer, settings) => (renderer.render(settings), None),
+            Ready::Fast(renderer) => {
+                let (film, error) = renderer.render_with_error();
+                (film, Some(error))
+            }
         }
     }
 
@@ -300,6 +393,39 @@ mod tests {
         assert!((26..30).contains(&(deepest % 48)) && (16..20).contains(&(deepest / 48)));
         assert!((touched.depth_mm[deepest] + 0.8).abs() < 0.04);
         assert_eq!(touched.depth_mm, depth_map(&sensor, &face(&sensor, &pressed())).unwrap());
+    }
+
+    #[test]
+    fn a_glossy_sensor_falls_back_and_says_so_and_a_diffuse_one_does_not() {
+        let rest = DisplacedSurface::flat(33, 33, [16.0, 16.0]);
+        let mut sensor = small_sensor(TextureMode::None);
+        (sensor.camera.width_px, sensor.camera.height_px, sensor.camera.mm_per_px) = (16, 12, 0.75);
+        let fast = Method::Fast { tolerance: 0.005 };
+        let folder = std::env::temp_dir().join(format!("twinrig-optics-{}", std::process::id()));
+        let store = Store::new(&folder);
+        let imager = Imager::with_store(&sensor, fast, None, &rest, Some(&store)).unwrap();
+        assert!(imager.notices().is_empty());
+        let picture = imager.picture(&pressed(), 0).unwrap();
+        assert!(picture.estimated_error.is_some_and(|e| e > 0.0));
+
+        // From the folder it is the same to the bit; from a torn file it is made anew.
+        let again = |store| {
+            Imager::with_store(&sensor, fast, None, &rest, Some(store)).unwrap().picture(&pressed(), 0)
+        };
+        assert_eq!(again(&store).unwrap().light, picture.light);
+        let files = || std::fs::read_dir(&folder).unwrap().map(|f| f.unwrap().path()).collect::<Vec<_>>();
+        let [file] = &files()[..] else { panic!("{:?}", files()) };
+        let whole = std::fs::read(file).unwrap();
+        std::fs::write(file, &whole[..whole.len() / 2]).unwrap();
+        assert_eq!(again(&store).unwrap().light, picture.light);
+        assert_eq!(std::fs::read(file).unwrap(), whole);
+        std::fs::remove_dir_all(&folder).unwrap();
+
+        sensor.coating.roughness = 0.5;
+        let imager = Imager::new(&sensor, fast, None, &rest).unwrap();
+        let [Notice::FellBack { why, .. }] = imager.notices() else { panic!("no notice") };
+        assert!(why.contains("diffuse"), "{why}");
+        assert_eq!(imager.picture(&rest, 0).unwrap().estimated_error, None);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Renders a scene file, with times: what the command `render` does, without its printing.
 
 use super::bench_scene::{self, Variant};
+use super::store::Store;
 use super::{Error, Film, Role, Scene, fast, reference};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -34,6 +35,8 @@ pub struct Request {
     pub repeat: u32,
     /// Seed of the random numbers.
     pub seed: u32,
+    /// Where the fast mode keeps what it prepares.
+    pub store: Option<Store>,
 }
 
 /// How long it took, seconds of wall time.
@@ -51,6 +54,10 @@ pub struct Times {
     pub per_frame_s: Vec<f64>,
     /// The shortest of them.
     pub best_frame_s: f64,
+    /// Whether what is needed once was there from an earlier run.
+    pub prepared_before: bool,
+    /// relRMSE to expect (fast mode).
+    pub estimated_error: Option<f64>,
 }
 
 /// Renders the frame `repeat` times and returns the last picture.
@@ -66,24 +73,39 @@ pub fn render_file(path: &Path, request: &Request) -> Result<(Film, Times), Erro
     }
     let once = match request.mode {
         Mode::Reference => None,
-        Mode::Fast => Some(fast::Precomputed::new(&untouched(&scene))?),
+        Mode::Fast => Some(match &request.store {
+            Some(store) => store.prepare(&untouched(&scene))?,
+            None => (fast::Precomputed::new(&untouched(&scene))?, false),
+        }),
     };
+    let prepared_before = once.as_ref().is_some_and(|(_, before)| *before);
     let one_off_s = start.elapsed().as_secs_f64();
     let settings = reference::Settings { samples: request.samples, seed: request.seed };
     let mut per_frame_s = Vec::new();
-    let mut picture = Film::new(0, 0);
+    let (mut picture, mut estimated_error) = (Film::new(0, 0), None);
     for _ in 0..request.repeat.max(1) {
         let start = Instant::now();
-        picture = match &once {
-            None => reference::Renderer::new(&scene)?.render(&settings),
-            Some(once) => fast::Renderer::new(once, &scene, request.tolerance)?.render(),
+        (picture, estimated_error) = match &once {
+            None => (reference::Renderer::new(&scene)?.render(&settings), None),
+            Some((once, _)) => {
+                let (film, error) = fast::Renderer::new(once, &scene, request.tolerance)?.render_with_error();
+                (film, Some(error))
+            }
         };
         per_frame_s.push(start.elapsed().as_secs_f64());
     }
     let best_frame_s = per_frame_s.iter().copied().fold(f64::INFINITY, f64::min);
     let size = [picture.width, picture.height];
-    let times =
-        Times { mode: request.mode, size, samples: request.samples, one_off_s, per_frame_s, best_frame_s };
+    let times = Times {
+        mode: request.mode,
+        size,
+        samples: request.samples,
+        one_off_s,
+        per_frame_s,
+        best_frame_s,
+        prepared_before,
+        estimated_error,
+    };
     Ok((picture, times))
 }
 

@@ -4,8 +4,9 @@ use super::contact_mask::contact_mask;
 use crate::elastomer::{ElastomerCapture, Pad, Surface};
 use crate::image::{self, Mask};
 use crate::optics::Error;
-use crate::optics::imager::{Background, Imager, Method};
+use crate::optics::imager::{Background, Imager, Method, Notice};
 use crate::optics::sensor::SensorOptics;
+use crate::optics::store::Store;
 use crate::optics::surface::DisplacedSurface;
 use std::time::{Duration, Instant};
 
@@ -16,6 +17,8 @@ pub struct View {
     pub sensor: SensorOptics,
     /// How pictures are made.
     pub method: Method,
+    /// Where the fast mode keeps what it prepares, if anywhere.
+    pub store: Option<Store>,
 }
 
 /// The sensor with its pad wearing a picture of itself untouched (or nothing).
@@ -35,8 +38,19 @@ pub struct Picture {
     pub contact: Mask,
     /// Bounding box of the contact with a margin: x0, y0, x1, y1 (exclusive), pixels.
     pub contact_box_px: Option<[u32; 4]>,
+    /// relRMSE to expect of its light (fast mode).
+    pub estimated_error: Option<f64>,
+    /// Set when that is above what was asked for.
+    pub notice: Option<Notice>,
     /// Time it took.
     pub took: Duration,
+}
+
+impl Wear {
+    /// What holds for all pictures, such as a fall back to the reference mode.
+    pub fn notices(&self) -> &[Notice] {
+        self.imager.notices()
+    }
 }
 
 impl View {
@@ -64,7 +78,10 @@ impl View {
             rgb: &image.rgb,
         });
         let flat = DisplacedSurface::flat(2, 2, [pad.size_x_mm, pad.size_y_mm]);
-        Ok(Wear { imager: Imager::new(&self.sensor, self.method, background, &flat)? })
+        let store = self.store.as_ref();
+        let imager = Imager::with_store(&self.sensor, self.method, background, &flat, store)?;
+        imager.notices().iter().for_each(|notice| tracing::warn!("{notice}"));
+        Ok(Wear { imager })
     }
 
     /// The picture of a deformed pad; `capture` numbers it, so that each has its own noise.
@@ -79,7 +96,18 @@ impl View {
         let image = image::Picture { width, height, rgb: seen.rgb };
         let contact = contact_mask(&self.sensor, pad);
         let contact_box_px = self.contact_box(&contact);
-        Ok(Picture { image, depth_mm: seen.depth_mm, contact, contact_box_px, took: begun.elapsed() })
+        if let Some(notice) = &seen.notice {
+            tracing::warn!("capture {capture}: {notice}");
+        }
+        Ok(Picture {
+            image,
+            depth_mm: seen.depth_mm,
+            contact,
+            contact_box_px,
+            estimated_error: seen.estimated_error,
+            notice: seen.notice,
+            took: begun.elapsed(),
+        })
     }
 
     /// Name of the optics mode, for the record.

@@ -4,14 +4,15 @@
 //! diagonals is the mean over the pixel, whatever the mesh does within. Where the corners see different things (the
 //! pad's rim, a fold, a wall in front) the pixel is the mean of what its corners see.
 
-use super::Precomputed;
+use super::bounce::{self, Cell, Cells};
 use super::horizon::Heights;
-use super::lanes::{Eight, Vectors, WIDTH, Work, with_widest};
+use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, with_widest};
 use super::raster::{Sample, corners};
 use super::shade::Block;
 use super::slots::{POSITION, Slots};
 use super::source::{LINES, Line};
 use super::vector::{irradiance, quadrilateral};
+use super::{Precomputed, probes};
 use crate::optics::{Albedo, Film, Mesh};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -21,18 +22,63 @@ use std::f32::consts::FRAC_1_PI;
 const NODE_PX: usize = WIDTH;
 /// Horizons are followed this far below a light, as a slope, so that they can be interpolated.
 const BELOW: f32 = 0.05;
+/// Largest edge of a cell of the bounce, mm.
+const CELL_MM: f32 = 0.26;
+/// A pixel over which the ground's slope changes by more is looked at in its corners.
+const CREASE: f32 = 0.2;
 /// Where a pixel's corners differ in height by more than this many pixels, they see different things.
 const STEEPEST: f32 = 8.0;
 
 /// How finely.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effort {
+    /// Cells of the heights that hide light, in distances of the lattice's points.
+    pub cell: f32,
     /// No block is larger, mm.
     pub block_mm: f32,
     /// No block with a shadow's edge is larger, mm.
     pub shadow_mm: f32,
     /// A block is divided when its middle departs from its corners' mean by more, mm.
     pub curved_mm: f32,
+    /// Whether flanks light their surroundings.
+    pub bounce: bool,
+}
+
+/// Pictures, and what tells of their error.
+pub struct Pictures {
+    /// One, or one a light.
+    pub films: Vec<Film>,
+    /// Sum over pixels and channels of the squares of what the bounce changed (of the last picture).
+    pub bounced: f64,
+    /// Rms over the face of |n - z|^2, which tells how steep it is.
+    pub steepness: f64,
+    /// Sum over pixels and channels of the variances of what mixed pixels hold (of the first picture).
+    pub spread: f64,
+}
+
+/// Rms of |n - z|^2 over cells.
+fn steepness(cells: &[Cell]) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for cell in cells.iter().filter(|c| c.count > 0.0) {
+        let departure = f64::from((cell.normal.normalize_or(Vec3::Z) - Vec3::Z).length_squared());
+        sum += departure * departure * f64::from(cell.count);
+        count += f64::from(cell.count);
+    }
+    (sum / f64::max(count, 1.0)).sqrt()
+}
+
+/// Rows of blocks hold one picture after the other, `block` numbers each.
+fn by_film(all: Vec<Vec3>, block: usize, films: usize) -> Vec<Vec<Vec3>> {
+    if films == 1 {
+        return vec![all];
+    }
+    let mut out = vec![Vec::with_capacity(all.len() / films); films];
+    for row in all.chunks(block * films) {
+        for (film, part) in out.iter_mut().zip(row.chunks_exact(row.len() / films)) {
+            film.extend_from_slice(part);
+        }
+    }
+    out
 }
 
 /// A pad seen by the sensor, ready to be shaded.
@@ -51,26 +97,84 @@ pub struct Frame<'a> {
 
 impl Frame<'_> {
     /// The pictures, one or one a light.
-    pub fn render(&self) -> Vec<Film> {
+    pub fn render(&self) -> Pictures {
         let camera = &self.once.view.camera;
         let (width, height, films) = (camera.width, camera.height, self.slots.films);
         let nodes = self.nodes();
+        let cell_px = self.cell_px();
+        let size = [width.div_ceil(cell_px), height.div_ceil(NODE_PX) * (NODE_PX / cell_px)];
+        let in_row = size[0] * (NODE_PX / cell_px);
+        let mut cells = vec![bounce::EMPTY; size[0] * size[1]];
+        let mut light = vec![Vec3::ZERO; size[0] * size[1] * films];
+        let mut spreads = vec![0.0; height.div_ceil(NODE_PX)];
         let mut pixels = vec![Vec3::ZERO; width * height * films];
-        pixels.par_chunks_mut(NODE_PX * width * films).enumerate().for_each(|(row, out)| {
-            with_widest(Row { frame: self, nodes: &nodes, row, out });
-        });
-        if films == 1 {
-            return vec![Film { width, height, pixels }];
-        }
-        // Rows of blocks hold one picture after the other.
-        let mut all = vec![Film::new(width, height); films];
-        for (row, block) in pixels.chunks(NODE_PX * width * films).enumerate() {
-            let n = block.len() / films;
-            for (film, part) in all.iter_mut().zip(block.chunks_exact(n)) {
-                film.pixels[row * NODE_PX * width..][..n].copy_from_slice(part);
+        pixels
+            .par_chunks_mut(NODE_PX * width * films)
+            .zip(cells.par_chunks_mut(in_row))
+            .zip(light.par_chunks_mut(in_row * films))
+            .zip(&mut spreads)
+            .enumerate()
+            .for_each(|(row, (((out, cells), light), spread))| {
+                with_widest(Row { frame: self, nodes: &nodes, row, cell_px, out, cells, light, spread });
+            });
+        let films = by_film(pixels, NODE_PX * width, films);
+        let lights = by_film(light, in_row, films.len());
+        let mut all: Vec<Film> = films.into_iter().map(|pixels| Film { width, height, pixels }).collect();
+        let mut bounced = 0.0;
+        if self.effort.bounce {
+            let albedo = match self.albedo {
+                Albedo::Constant(albedo) => *albedo,
+                Albedo::Texture(texture) => texture.mean(),
+            };
+            let edge_mm = cell_px as f32 * self.once.pixel_mm;
+            for (k, (film, light)) in all.iter_mut().zip(&lights).enumerate() {
+                let grid = if lights.len() == 1 { &self.once.total } else { &self.once.tables.probes[k] };
+                let cells = Cells { size, edge_mm, cells: &cells, light, albedo };
+                let gains = cells.gains(|p, n| probes::irradiance(&grid.at(p), n));
+                bounced = self.apply(film, [k, lights.len()], &gains, size[0], cell_px);
             }
         }
-        all
+        Pictures { films: all, bounced, steepness: steepness(&cells), spread: spreads.iter().sum() }
+    }
+
+    /// Pixels along the edge of a cell of the bounce.
+    fn cell_px(&self) -> usize {
+        [8, 4, 2].into_iter().find(|n| *n as f32 * self.once.pixel_mm <= CELL_MM).unwrap_or(1)
+    }
+
+    /// Multiplies a picture by its gains, bilinear between the middles of cells; the sum of squares of what changes.
+    fn apply(
+        &self,
+        film: &mut Film,
+        [k, films]: [usize; 2],
+        gains: &[Vec3],
+        nx: usize,
+        cell_px: usize,
+    ) -> f64 {
+        let width = film.width;
+        let ny = gains.len() / nx;
+        let change = |(y, row): (usize, &mut [Vec3])| {
+            let at = ((y as f32 + 0.5) / cell_px as f32 - 0.5).max(0.0);
+            let j = (at as usize).min(ny - 1);
+            let t = at - j as f32;
+            let (above, below) = (&gains[j * nx..][..nx], &gains[(j + 1).min(ny - 1) * nx..][..nx]);
+            let mut sum = 0.0;
+            if above.iter().chain(below).all(|g| *g == Vec3::ONE) {
+                return sum;
+            }
+            let column: Vec<Vec3> = above.iter().zip(below).map(|(a, b)| a.lerp(*b, t)).collect();
+            for (x, pixel) in row.iter_mut().enumerate() {
+                let at = ((x as f32 + 0.5) / cell_px as f32 - 0.5).max(0.0);
+                let i = (at as usize).min(nx - 1);
+                let gain = column[i].lerp(column[(i + 1).min(nx - 1)], at - i as f32);
+                let veil = self.once.veil(k, films, x, y);
+                let add = (*pixel - veil) * (gain - Vec3::ONE);
+                sum += f64::from(add.length_squared());
+                *pixel += add;
+            }
+            sum
+        };
+        film.pixels.par_chunks_mut(width).enumerate().map(change).sum()
     }
 
     /// Nodes along x and y.
@@ -143,22 +247,25 @@ impl Frame<'_> {
         let (once, slots) = (self.once, &self.slots);
         let source = &once.sources[l];
         let lines = source.seen(p, once.view.slab.as_ref());
-        let mut hides = false;
-        for (k, [low, high]) in lines.iter().enumerate() {
-            let middle = (*low + *high).truncate() * 0.5;
+        let (mut hides, mut rises) = (false, false);
+        // Every other line first: the ones between only where the pad rises before one of these.
+        for k in (0..LINES).step_by(2).chain((1..LINES).step_by(2)) {
+            let [low, high] = lines[k];
+            let middle = (low + high).truncate() * 0.5;
             let distance = middle.length().max(1e-6);
             let ahead = middle / distance;
             let slope = |q: Vec3| q.z / q.truncate().dot(ahead).max(1e-3 * distance);
-            let (from, to) = (slope(*low), slope(*high));
+            let (from, to) = (slope(low), slope(high));
             let least = from.min(to) - BELOW;
             // A light that appears through a plate has no distance: the pad's rim ends the line of sight.
             let distance = if slots.bent() { f32::INFINITY } else { distance };
-            let horizon = match hidden {
+            let horizon = match hidden && (k % 2 == 0 || rises) {
                 true => self.heights.horizon(p, ahead, distance, least, from.max(to)),
                 false => least,
             };
             node[slots.horizons(l) + k] = horizon;
             hides |= horizon > from.min(to);
+            rises |= horizon > least;
         }
         node[slots.light(l)] = f32::from(u8::from(hides));
         // Behind a light there is nothing to take off.
@@ -221,7 +328,11 @@ struct Row<'a> {
     frame: &'a Frame<'a>,
     nodes: &'a [f32],
     row: usize,
+    cell_px: usize,
     out: &'a mut [Vec3],
+    cells: &'a mut [Cell],
+    light: &'a mut [Vec3],
+    spread: &'a mut f64,
 }
 
 /// A rectangle of pixels: x0, y0, x1, y1.
@@ -233,7 +344,7 @@ struct Desk<'a> {
     block: Block<'a>,
     first: usize,
     width: usize,
-    /// Coordinates of the corners, row by row, with room to read eight at the end.
+    /// Coordinates of the corners, row by row, with one more on every side and room to read eight at the end.
     stride: usize,
     points: [Vec<f32>; 3],
     uvs: Vec<Vec2>,
@@ -242,6 +353,10 @@ struct Desk<'a> {
     /// Nodes of a block that is being divided, and its parts that wait.
     arena: Vec<f32>,
     waiting: Vec<(Rectangle, [usize; 4])>,
+    cell_px: usize,
+    cells: &'a mut [Cell],
+    light: &'a mut [Vec3],
+    spread: &'a mut f64,
 }
 
 /// Where nothing is seen.
@@ -252,19 +367,22 @@ impl Work for Row<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { frame, nodes, row, out } = self;
+        let Self { frame, nodes, row, cell_px, out, cells, light, spread } = self;
         let camera = &frame.once.view.camera;
         let (width, films) = (camera.width, frame.slots.films);
         let first = row * NODE_PX;
         let last = (first + NODE_PX).min(camera.height);
-        let stride = width + 1 + WIDTH;
-        let mut points = [(); 3].map(|()| vec![NOWHERE; (last - first + 1) * stride]);
+        let stride = width + 3 + WIDTH;
+        let mut points = [(); 3].map(|()| vec![NOWHERE; (last - first + 3) * stride]);
         let textured = matches!(frame.albedo, Albedo::Texture(_));
-        let mut uvs = vec![Vec2::ZERO; if textured { (last - first + 1) * stride } else { 0 }];
-        for y in first..=last {
-            for x in 0..=width {
+        let mut uvs = vec![Vec2::ZERO; if textured { (last - first + 3) * stride } else { 0 }];
+        for j in 0..last - first + 3 {
+            // Beyond the picture its border is repeated.
+            let y = (first + j).saturating_sub(1).min(camera.height);
+            for i in 0..width + 3 {
+                let x = i.saturating_sub(1).min(width);
                 let Some((p, triangle)) = frame.corner(x, y) else { continue };
-                let k = (y - first) * stride + x;
+                let k = j * stride + i;
                 (points[0][k], points[1][k], points[2][k]) = (p.x, p.y, p.z);
                 if textured {
                     uvs[k] = uv(frame.mesh, frame.nx, triangle, p);
@@ -274,7 +392,23 @@ impl Work for Row<'_> {
         let block = Block::new(&frame.slots, &frame.once.sources);
         let sums = vec![Vectors::all(Vec3::ZERO); films];
         let (arena, waiting) = (Vec::new(), Vec::new());
-        let mut desk = Desk { frame, block, first, width, stride, points, uvs, out, sums, arena, waiting };
+        let mut desk = Desk {
+            frame,
+            block,
+            first,
+            width,
+            stride,
+            points,
+            uvs,
+            out,
+            sums,
+            arena,
+            waiting,
+            cell_px,
+            cells,
+            light,
+            spread,
+        };
         let [columns, _] = frame.node_counts();
         let size = frame.slots.stride();
         for i in 0..columns - 1 {
@@ -291,9 +425,15 @@ impl Work for Row<'_> {
 }
 
 impl Desk<'_> {
+    /// Where the numbers of a corner stand.
+    #[inline(always)]
+    fn at(&self, x: usize, y: usize) -> usize {
+        (y + 1 - self.first) * self.stride + x + 1
+    }
+
     #[inline(always)]
     fn point(&self, x: usize, y: usize) -> Vec3 {
-        let k = (y - self.first) * self.stride + x;
+        let k = self.at(x, y);
         Vec3::new(self.points[0][k], self.points[1][k], self.points[2][k])
     }
 
@@ -382,9 +522,10 @@ impl Desk<'_> {
         let scale = [1.0 / (x1 - x0) as f32, 1.0 / (y1 - y0) as f32];
         let u = Eight(std::array::from_fn(|i| (i as f32 + 0.5) * scale[0]));
         let limit = Eight::all(STEEPEST * self.frame.once.pixel_mm);
+        let crease = Eight::all(CREASE * self.frame.once.pixel_mm);
         for y in y0..y1 {
             let v = Eight::all(((y - y0) as f32 + 0.5) * scale[1]);
-            let k = (y - self.first) * self.stride + x0;
+            let k = self.at(x0, y);
             let read = |c: usize, k: usize| Eight(std::array::from_fn(|i| self.points[c][k..k + WIDTH][i]));
             let vectors = |k: usize| Vectors { x: read(0, k), y: read(1, k), z: read(2, k) };
             let (a, b) = (vectors(k), vectors(k + 1));
@@ -392,6 +533,11 @@ impl Desk<'_> {
             let low = a.z.min(b.z).min(c.z.min(d.z));
             let high = a.z.max(b.z).max(c.z.max(d.z));
             let uneven = limit.below(high - low);
+            let bend = |step: usize| {
+                let z = |k: usize| read(2, k);
+                ((z(k + 2 * step) - z(k + step)) - (z(k) - z(k - step))).abs()
+            };
+            let uneven = uneven.or(crease.below(bend(1).max(bend(self.stride))));
             let point = (a + b + c + d).scaled(Eight::all(0.25));
             // The picture's y runs downwards: this order points to the camera.
             let normal = (c - b).cross(d - a).unit();
@@ -404,12 +550,37 @@ impl Desk<'_> {
             self.sums.fill(Vectors::all(Vec3::ZERO));
             self.block.light([u, v], point, normal, &self.frame.once.radiances, &mut self.sums);
             self.put(x0, x1, y);
+            if self.cell_px < 4 || y % 4 == 1 {
+                self.count(x0, x1, y, point, normal, limit.below(high - low));
+            }
             if uneven.any() {
                 for x in x0..x1 {
                     if uneven.lane(x - x0) {
                         self.mixed(x, y, rectangle);
                     }
                 }
+            }
+        }
+    }
+
+    /// Adds a row of pixels to the cells of the bounce.
+    #[inline(always)]
+    fn count(&mut self, x0: usize, x1: usize, y: usize, points: Vectors, normals: Vectors, not: Mask) {
+        let columns = self.width.div_ceil(self.cell_px);
+        let cells = self.cells.len();
+        for x in x0..x1 {
+            let i = x - x0;
+            if not.lane(i) {
+                continue;
+            }
+            let k = (y - self.first) / self.cell_px * columns + x / self.cell_px;
+            let pick = |v: &Vectors| Vec3::new(v.x.0[i], v.y.0[i], v.z.0[i]);
+            let cell = &mut self.cells[k];
+            cell.position += pick(&points);
+            cell.normal += pick(&normals);
+            cell.count += 1.0;
+            for (film, sum) in self.sums.iter().enumerate() {
+                self.light[film * cells + k] += pick(sum);
             }
         }
     }
@@ -435,7 +606,7 @@ impl Desk<'_> {
         match self.frame.albedo {
             Albedo::Constant(albedo) => *albedo,
             Albedo::Texture(texture) => {
-                let k = (y - self.first) * self.stride + x;
+                let k = self.at(x, y);
                 let (a, b) = (self.uvs[k], self.uvs[k + 1]);
                 let (c, d) = (self.uvs[k + self.stride], self.uvs[k + self.stride + 1]);
                 let mean = |n: usize| {
@@ -493,9 +664,15 @@ impl Desk<'_> {
         }
         for (film, fixed) in fixed.iter().enumerate() {
             let mut light = Vec3::ZERO;
+            let mut squares = Vec3::ZERO;
             for (k, albedo) in albedos.iter().enumerate() {
                 let sum = &self.sums[film];
-                light += *albedo * Vec3::new(sum.x.0[k], sum.y.0[k], sum.z.0[k]) * (0.25 * FRAC_1_PI);
+                let value = *albedo * Vec3::new(sum.x.0[k], sum.y.0[k], sum.z.0[k]) * FRAC_1_PI;
+                light += 0.25 * value;
+                squares += 0.25 * value * value;
+            }
+            if film == 0 {
+                *self.spread += f64::from((squares - light * light).element_sum().max(0.0));
             }
             let veil = once.veil(film, films, x, y);
             self.out[(film * rows + y - self.first) * self.width + x] =

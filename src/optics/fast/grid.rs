@@ -13,13 +13,13 @@ pub struct Grid<const N: usize> {
 /// Where nodes stand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Places {
-    low: Vec2,
-    per_mm: Vec2,
-    nodes: [usize; 3],
-    lift_low: f32,
-    lift_per_mm: f32,
+    pub(super) low: Vec2,
+    pub(super) per_mm: Vec2,
+    pub(super) nodes: [usize; 3],
+    pub(super) lift_low: f32,
+    pub(super) lift_per_mm: f32,
     /// Height of the untouched face at the nodes across.
-    rest: Vec<f32>,
+    pub(super) rest: Vec<f32>,
 }
 
 /// Where the nodes of a grid shall stand.

@@ -76,6 +76,12 @@ impl Mask {
         self.0.iter().fold(false, |any, &lane| any | lane)
     }
 
+    /// Those of both.
+    #[inline(always)]
+    pub fn or(self, b: Self) -> Self {
+        Self(from_fn(|i| self.0[i] | b.0[i]))
+    }
+
     /// Whether lane `i` is set.
     #[inline(always)]
     pub fn lane(self, i: usize) -> bool {

@@ -87,7 +87,7 @@ impl Slab {
         let n2 = self.ior * self.ior;
         let mut x = r / (air + glass / self.ior);
         // Concave: Newton's method from the left never overshoots; four steps reach single precision.
-        for _ in 0..6 {
+        for _ in 0..4 {
             let root = (n2 + (n2 - 1.0) * x * x).sqrt();
             let slope = air + glass * n2 / (root * root * root);
             x += (r - air * x - glass * x / root) / slope;
@@ -130,6 +130,15 @@ impl Slab {
         let first = origin.truncate() + flat * (origin.z - self.high);
         let second = first + ahead * (2.0 * self.ahead(x, self.glass()));
         [(first.extend(self.high), r), (second.extend(self.high), 2.0 * r / (1.0 + r) - r)]
+    }
+
+    /// The direction in which a point `y` above appears from a point `p` below, without reflections inside.
+    #[inline(always)]
+    pub fn towards(&self, p: Vec3, y: Vec3) -> Vec3 {
+        let flat = (y - p).truncate();
+        let r = flat.length();
+        let x = self.tangent(r, (y.z - p.z - self.glass()).max(1e-4), self.glass());
+        (flat * (x / r.max(1e-12))).extend(1.0)
     }
 
     /// How a point `y` above appears from a point `p` below after `2 order` reflections inside.

@@ -47,7 +47,6 @@ pub fn terms_of(n: Vectors) -> [Eight; TERMS - 1] {
 }
 
 /// The irradiance of a normal from a node's numbers.
-#[cfg(test)]
 pub fn irradiance(numbers: &[f32; NUMBERS], n: Vec3) -> Vec3 {
     let t = terms(n);
     let mut e = Vec3::ZERO;

@@ -196,7 +196,7 @@ mod tests {
                 sent += solved.radiance(k)[0].x;
             }
         }
-        let patches = 12.0 * f32::powi((14.142_f32 / 1.5).ceil(), 2);
+        let patches = 12.0 * f32::powi((10.0_f32 / 1.1).ceil(), 2);
         let mean = sent / patches;
         let truth = 4.0 / 600.0;
         assert!((mean / truth - 1.0).abs() < 0.02, "{mean} {truth}");

@@ -9,8 +9,8 @@ use super::tables::arriving;
 use crate::optics::{Light, LightShape, emitter::Emitter};
 use glam::Vec3;
 
-/// Lines of a ribbon.
-pub const LINES: usize = 3;
+/// Lines of a ribbon, an odd number (found by experiment: with 3 the shadow of a narrow post shows them).
+pub const LINES: usize = 5;
 
 /// The two ends of a line: low, high.
 pub type Line = [Vec3; 2];
@@ -53,6 +53,20 @@ impl Lamp {
         Some(Self { source: Source::new(light)?, center: emitter.center, emitter })
     }
 
+    /// A point just before the surface that shines at a receiver, by which it is told whether the light is hidden.
+    pub fn middle_from(&self, receiver: Vec3) -> Vec3 {
+        match self.source.outline {
+            // Its nearest point: towards any other a tube hides itself.
+            Outline::Tube(from, to, radius) => {
+                let axis = to - from;
+                let s = (receiver - from).dot(axis) / axis.length_squared().max(1e-20);
+                let nearest = from + axis * s.clamp(0.0, 1.0);
+                nearest + (receiver - nearest).normalize_or_zero() * (1.02 * radius)
+            }
+            _ => self.center + (receiver - self.center) * 1e-4,
+        }
+    }
+
     /// Irradiance of a receiver, of radiance 1, nothing in between.
     pub fn irradiance(&self, point: Vec3, normal: Vec3) -> f32 {
         match self.emitter.analytic {
@@ -88,6 +102,11 @@ impl Source {
     /// Whether its lines are the same from everywhere.
     pub fn is_fixed(&self) -> bool {
         matches!(self.outline, Outline::Rectangle(_))
+    }
+
+    /// Whether it is a tube.
+    pub fn is_tube(&self) -> bool {
+        matches!(self.outline, Outline::Tube(..))
     }
 
     /// Whether Lambert's formula for its corners is exact.
@@ -159,12 +178,21 @@ impl Source {
 
     /// Its lines as vectors from `p`, as they appear there.
     pub fn seen(&self, p: Vec3, slab: Option<&Slab>) -> [Line; LINES] {
-        std::array::from_fn(|k| {
+        let seen = |k: usize| {
             self.line(k, LINES - 1, p).map(|end| match slab {
-                Some(slab) if slab.covers(p) && end.z > slab.high => slab.sighted(p, end, 0).offset,
+                Some(slab) if slab.covers(p) && end.z > slab.high => slab.towards(p, end),
                 _ => end - p,
             })
-        })
+        };
+        let Some(_) = slab else { return std::array::from_fn(seen) };
+        // Where each costs a root to be found, every other one is the mean of its neighbours.
+        let mut lines = [[Vec3::ZERO; 2]; LINES];
+        (0..LINES).step_by(2).for_each(|k| lines[k] = seen(k));
+        for k in (1..LINES).step_by(2) {
+            let ([a, b], [c, d]) = (lines[k - 1], lines[k + 1]);
+            lines[k] = [0.5 * (a + c), 0.5 * (b + d)];
+        }
+        lines
     }
 }
 

@@ -12,7 +12,7 @@ use crate::optics::{Albedo, Error, Mesh, Role, Scene, accel::Accel, accel::Hit};
 use glam::Vec3;
 
 /// Edge of a patch, mm.
-const PATCH_MM: f32 = 1.5;
+const PATCH_MM: f32 = 1.1;
 /// Most patches along an edge of one triangle.
 const MOST_CUTS: u32 = 24;
 
@@ -117,10 +117,8 @@ impl World {
     }
 
     fn add(&mut self, mesh: &Mesh, albedo: Vec3, light: Option<usize>, clear: Option<f32>) {
-        let longest = |corners: [Vec3; 3]| {
-            let [a, b, c] = corners;
-            (b - a).length().max((c - b).length()).max((a - c).length())
-        };
+        // Edge of a square of twice the area: slender triangles need few patches.
+        let edge_of = |[a, b, c]: [Vec3; 3]| (b - a).cross(c - a).length().sqrt();
         let (cut, patches) = match mesh.lattice {
             Some([nx, ny]) if nx >= 2 && ny >= 2 => {
                 let p = &mesh.positions;
@@ -132,7 +130,7 @@ impl World {
                 (Cut::Blocks { quads_x, quads_y, columns, rows }, columns * rows)
             }
             _ => {
-                let edge = (0..mesh.triangles.len()).map(|k| longest(mesh.corners(k))).fold(0.0, f32::max);
+                let edge = (0..mesh.triangles.len()).map(|k| edge_of(mesh.corners(k))).fold(0.0, f32::max);
                 let n = ((edge / PATCH_MM).ceil() as u32).clamp(1, MOST_CUTS);
                 (Cut::Triangles { n }, n * n * mesh.triangles.len() as u32)
             }
@@ -231,7 +229,7 @@ impl World {
         }
         let e = lamp.irradiance(point, normal);
         let from = point + normal * self.offset;
-        let to = lamp.center + (from - lamp.center) * 1e-4;
+        let to = lamp.middle_from(from);
         if e > 0.0 && !self.blocked(from, to) { e } else { 0.0 }
     }
 }

@@ -1,0 +1,162 @@
+//! What was worked out once, as bytes, and the key that it follows from.
+
+use super::grid::{Grid, Places};
+use super::{Precomputed, Tables};
+use crate::optics::{Albedo, Material, Mesh, Role, Scene};
+use glam::{Vec2, Vec3};
+
+/// Changes whenever tables of the same scene would be worked out differently, or are written differently.
+const FORMAT: u32 = 1;
+
+/// The hash of everything that the tables follow from.
+pub fn key(scene: &Scene) -> [u8; 32] {
+    let mut hash = blake3::Hasher::new();
+    let mut put = |bytes: &[u8]| {
+        hash.update(&(bytes.len() as u64).to_le_bytes());
+        hash.update(bytes);
+    };
+    put(&FORMAT.to_le_bytes());
+    put(format!("{:?} {}", scene.camera, scene.max_events).as_bytes());
+    for surface in &scene.surfaces {
+        put(format!("{:?}", surface.role).as_bytes());
+        // A pad's texture counts by its mean alone.
+        let material = match (&surface.material, surface.role) {
+            (Material::Lambert { albedo: Albedo::Texture(t) }, Role::Pad) => format!("mean {:?}", t.mean()),
+            (material, _) => format!("{material:?}"),
+        };
+        put(material.as_bytes());
+        put(&mesh_bytes(&surface.mesh));
+    }
+    for light in &scene.lights {
+        // Tables are for radiance 1: colours may change.
+        put(format!("{:?} {} {} {:?}", light.shape, light.two_sided, light.cosine_power, light.albedo)
+            .as_bytes());
+    }
+    *hash.finalize().as_bytes()
+}
+
+fn mesh_bytes(mesh: &Mesh) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(12 * mesh.positions.len());
+    mesh.positions.iter().flat_map(|p| p.to_array()).for_each(|v| bytes.extend(v.to_le_bytes()));
+    match mesh.lattice {
+        Some(size) => size.iter().for_each(|n| bytes.extend((*n as u64).to_le_bytes())),
+        None => mesh.triangles.iter().flatten().for_each(|i| bytes.extend(i.to_le_bytes())),
+    }
+    bytes
+}
+
+/// The tables as bytes.
+pub fn encode(tables: &Tables) -> Vec<u8> {
+    let mut out = Vec::new();
+    let words = |out: &mut Vec<u8>, values: &mut dyn Iterator<Item = f32>| {
+        let at = out.len();
+        out.extend(0u64.to_le_bytes());
+        let mut n = 0u64;
+        for value in values {
+            out.extend(value.to_le_bytes());
+            n += 1;
+        }
+        out[at..at + 8].copy_from_slice(&n.to_le_bytes());
+    };
+    fn grid<const N: usize>(
+        out: &mut Vec<u8>,
+        words: &impl Fn(&mut Vec<u8>, &mut dyn Iterator<Item = f32>),
+        grid: &Grid<N>,
+    ) {
+        let (places, values) = grid.parts();
+        let (numbers, nodes, rest) = places.parts();
+        words(out, &mut numbers.into_iter());
+        words(out, &mut nodes.into_iter().map(|n| n as f32));
+        words(out, &mut rest.iter().copied());
+        words(out, &mut values.iter().flatten().copied());
+    }
+    words(&mut out, &mut [tables.direct.len() as f32, tables.veils.len() as f32].into_iter());
+    for table in &tables.direct {
+        words(&mut out, &mut [f32::from(u8::from(table.is_some()))].into_iter());
+        if let Some(table) = table {
+            grid(&mut out, &words, table);
+        }
+    }
+    tables.probes.iter().for_each(|probes| grid(&mut out, &words, probes));
+    words(&mut out, &mut tables.fixed.iter().copied());
+    for vectors in tables.fixed_lights.iter().chain(&tables.veils) {
+        words(&mut out, &mut vectors.iter().flat_map(|v| v.to_array()));
+    }
+    out
+}
+
+/// The tables from bytes; None when they are no tables.
+pub fn decode(bytes: &[u8]) -> Option<Tables> {
+    let mut reader = Reader { bytes };
+    let [lights, veils] = reader.words()?[..] else { return None };
+    let lights = lights as usize;
+    let direct = (0..lights)
+        .map(|_| {
+            let has = *reader.words()?.first()? > 0.0;
+            Some(if has { Some(reader.grid()?) } else { None })
+        })
+        .collect::<Option<Vec<_>>>()?;
+    let probes = (0..lights).map(|_| reader.grid()).collect::<Option<Vec<_>>>()?;
+    let fixed = reader.words()?;
+    let fixed_lights = (0..lights).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
+    let veils = (0..veils as usize).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
+    reader.bytes.is_empty().then_some(Tables { direct, probes, fixed, fixed_lights, veils })
+}
+
+struct Reader<'a> {
+    bytes: &'a [u8],
+}
+
+impl Reader<'_> {
+    fn words(&mut self) -> Option<Vec<f32>> {
+        let (n, rest) = self.bytes.split_first_chunk::<8>()?;
+        let length = usize::try_from(u64::from_le_bytes(*n)).ok()?.checked_mul(4)?;
+        let (words, rest) = rest.split_at_checked(length)?;
+        self.bytes = rest;
+        Some(words.chunks_exact(4).map(|w| f32::from_le_bytes([w[0], w[1], w[2], w[3]])).collect())
+    }
+
+    fn vectors(&mut self) -> Option<Vec<Vec3>> {
+        Some(self.words()?.chunks_exact(3).map(Vec3::from_slice).collect())
+    }
+
+    fn grid<const N: usize>(&mut self) -> Option<Grid<N>> {
+        let numbers: [f32; 6] = self.words()?.try_into().ok()?;
+        let nodes: [f32; 3] = self.words()?.try_into().ok()?;
+        let places = Places::from_parts(numbers, nodes.map(|n| n as usize), self.words()?)?;
+        let values: Vec<[f32; N]> = self.words()?.as_chunks::<N>().0.to_vec();
+        (values.len() == places.count()).then(|| Grid::from_values(places, values))
+    }
+}
+
+impl Places {
+    /// Everything, as numbers.
+    fn parts(&self) -> ([f32; 6], [usize; 3], &[f32]) {
+        let numbers = [self.low.x, self.low.y, self.per_mm.x, self.per_mm.y, self.lift_low, self.lift_per_mm];
+        (numbers, self.nodes, &self.rest)
+    }
+
+    fn from_parts(n: [f32; 6], nodes: [usize; 3], rest: Vec<f32>) -> Option<Self> {
+        let fits = nodes.iter().all(|n| (2..=401).contains(n)) && rest.len() == nodes[0] * nodes[1];
+        fits.then(|| Self {
+            low: Vec2::new(n[0], n[1]),
+            per_mm: Vec2::new(n[2], n[3]),
+            nodes,
+            lift_low: n[4],
+            lift_per_mm: n[5],
+            rest,
+        })
+    }
+}
+
+impl Precomputed {
+    /// The hash of everything that preparing a sensor follows from: all but the colours of its lights.
+    pub fn key(untouched: &Scene) -> [u8; 32] {
+        key(untouched)
+    }
+
+    /// What took long to work out, as bytes.
+    pub fn encode(&self) -> Vec<u8> {
+        encode(&self.tables)
+    }
+}
