@@ -117,6 +117,7 @@ impl Collection<'_> {
     pub async fn run(self) -> Result<Ending, CollectionError> {
         let done_real = self.dataset.done_real();
         let cancel = Arc::new(AtomicBool::new(false));
+        let is_full = Arc::new(AtomicBool::new(false));
         let (background, has_background) = watch::channel(self.dataset.background(BACKGROUND).map(Arc::new));
         let (measured, has_measured) = watch::channel(BTreeSet::<u32>::new());
         measured.send_replace(done_real.clone());
@@ -131,13 +132,11 @@ impl Collection<'_> {
                 cancel: cancel.clone(),
                 progress: self.progress.clone(),
             };
-            let (running, stop) = (tokio::task::spawn_blocking(move || simulation.run()), self.stop.clone());
+            let (running, is_full) = (tokio::task::spawn_blocking(move || simulation.run()), is_full.clone());
             tokio::spawn(async move {
                 let ended = running.await.unwrap_or(Err(CollectionError::Vanished { part: "twin" }));
                 // A disk that takes no pictures of the twin will soon take none of the camera.
-                if matches!(ended, Err(CollectionError::Dataset(_))) {
-                    stop.raise(StopLevel::Controlled);
-                }
+                is_full.store(matches!(ended, Err(CollectionError::Dataset(_))), Ordering::Relaxed);
                 ended
             })
         });
@@ -157,6 +156,7 @@ impl Collection<'_> {
                     run: part.run,
                     background,
                     measured,
+                    end: is_full,
                     progress: self.progress.clone(),
                 };
                 let recording = tokio::task::spawn_blocking(move || recorder.run(part.events));
@@ -189,6 +189,7 @@ impl Collection<'_> {
             (Err(CollectionError::Session(e)), Ok(not_simulated)) if e.is_stop() => {
                 Ok(Ending { not_simulated, stopped: true })
             }
+            (Err(CollectionError::Session(SessionError::NoReceiver)), Err(why)) => Err(why),
             (Err(CollectionError::Session(e)), Err(why)) if e.is_stop() => Err(why),
             (Err(e), _) | (_, Err(e)) => Err(e),
             (Ok(()), Ok(not_simulated)) => Ok(Ending { not_simulated, stopped }),

@@ -11,7 +11,7 @@ use super::options::{RigAndPlan, Speed};
 use super::screen;
 use super::signals::Signals;
 use crate::assemble::{self, BenchOptions};
-use crate::collection::{Collection, CollectionError, Progress, SessionPart};
+use crate::collection::{BACKGROUND, Collection, CollectionError, Progress, SessionPart};
 use crate::config::{PlanSetup, Setup};
 use crate::control::Board;
 use crate::dataset::{self, Dataset};
@@ -98,7 +98,7 @@ impl Args {
                 if e.nothing_was_touched() {
                     return Exit::Refused;
                 }
-                if self.out.join("dataset.json").exists() {
+                if Dataset::open(&self.out).is_ok_and(|dataset| !dataset.is_untouched()) {
                     screen::note(format_args!(
                         "what was collected is stored; continue with the same command and --resume"
                     ));
@@ -133,6 +133,13 @@ impl Args {
             _ => Dataset::create(&self.out, asked, &plan.trajectory)?,
         };
         let dataset = Arc::new(dataset);
+        if let Some(bytes) = dataset.background(BACKGROUND)
+            && let Err(e) = crate::image::png::decode(&bytes)
+        {
+            let path = self.out.join(format!("background/{BACKGROUND}.png"));
+            return Err(CollectError::Background { path, why: e.to_string() });
+        }
+        let is_real_done = dataset.done_real().len() == plan.trajectory.captures.len();
         let twin = if self.real_only { None } else { Some(Arc::new(assemble::twin(setup)?)) };
 
         // Watchers: bars on a terminal, lines in a log.
@@ -146,7 +153,7 @@ impl Args {
         ));
 
         let run = session_name();
-        let ending = if self.sim_only {
+        let ending = if self.sim_only || is_real_done {
             let collection = Collection { dataset: dataset.clone(), session: None, twin, stop, progress };
             collection.run().await?
         } else {
@@ -190,7 +197,8 @@ impl Args {
             captures: plan.trajectory.captures.len(),
             real: dataset.done_real().len(),
             simulated: dataset.done_sim().len(),
-            pairs: dataset.rows().len(),
+            pairs: dataset.rows().iter().filter(|row| row.real.is_some() && row.sim.is_some()).count(),
+            rows: dataset.rows().len(),
             wants_real: !self.sim_only,
             wants_sim: !self.real_only,
             not_simulated: ending.not_simulated,
@@ -282,6 +290,7 @@ struct Summary {
     real: usize,
     simulated: usize,
     pairs: usize,
+    rows: usize,
     #[serde(skip)]
     wants_real: bool,
     #[serde(skip)]
@@ -304,7 +313,7 @@ impl std::fmt::Display for Summary {
         writeln!(
             f,
             "{dataset}: {} real and {} simulated of {captures} captures, {} rows",
-            self.real, self.simulated, self.pairs
+            self.real, self.simulated, self.rows
         )?;
         for (captures, why) in &self.not_simulated {
             writeln!(f, "not simulated: captures {captures:?}: {why}")?;
@@ -321,6 +330,10 @@ impl std::fmt::Display for Summary {
 enum CollectError {
     #[error("no plan was given")]
     NoPlan,
+    #[error(
+        "{path}, the picture of the untouched sensor that the twin wears, is damaged ({why}); restore it, or delete it and all under data/*/sim, and resume: the next picture is worn from then on"
+    )]
+    Background { path: PathBuf, why: String },
     #[error(
         "{rig} is a real bench and nobody is at the terminal to confirm indenters; mount them and add --yes, or run it in a terminal"
     )]
@@ -346,7 +359,10 @@ impl CollectError {
     fn nothing_was_touched(&self) -> bool {
         use dataset::Error::{Belongs, Exists, Locked, Missing, NotADataset};
         match self {
-            CollectError::NoPlan | CollectError::NobodyThere { .. } | CollectError::Provenance(_) => true,
+            CollectError::NoPlan
+            | CollectError::NobodyThere { .. }
+            | CollectError::Provenance(_)
+            | CollectError::Background { .. } => true,
             CollectError::Dataset(e) => {
                 matches!(
                     e,

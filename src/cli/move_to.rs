@@ -8,6 +8,7 @@ use super::at_bench::{AtBench, Wanted, show, whereabouts};
 use super::exit::Exit;
 use super::options::{RigOptions, Speed};
 use super::screen;
+use crate::motion::Coordinate;
 use crate::pose::Pose;
 use crate::session::bench::Feeds;
 
@@ -79,6 +80,29 @@ impl Args {
             Err(exit) => return exit,
         };
         let bench = &mut at.assembled.bench;
+        let wanted = [
+            (Coordinate::X, self.x),
+            (Coordinate::Y, self.y),
+            (Coordinate::Z, self.z),
+            (Coordinate::Theta, self.theta),
+        ];
+        for (coordinate, value) in wanted.into_iter().filter_map(|(c, v)| Some((c, v?))) {
+            // NaN is in no range.
+            let range = bench.range(coordinate);
+            if let Some([low, high]) = range.filter(|[low, high]| !(*low..=*high).contains(&value)) {
+                let name = coordinate.name();
+                screen::error(format_args!(
+                    "--{name} {value:?} is outside {low} to {high}, what the axis of this rig allows; nothing was moved"
+                ));
+                return Exit::Refused;
+            }
+        }
+        for (name, feed) in [("feed", self.feed), ("turn", self.turn)] {
+            if !(feed > 0.0 && feed.is_finite()) {
+                screen::error(format_args!("--{name} {feed:?} is no speed; give a number above 0"));
+                return Exit::Refused;
+            }
+        }
         let moved = async {
             if !bench.is_referenced() && self.home {
                 bench.home().await?;

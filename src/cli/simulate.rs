@@ -122,6 +122,7 @@ impl Args {
             std::fs::create_dir_all(&path).map_err(|e| SimulateError::Write { path, why: e.to_string() })?;
         }
 
+        self.clear_earlier()?;
         let bars = screen::bars();
         let bar = screen::bar(&bars, "simulated", wanted.len() as u64);
         let mut lines: BTreeMap<u32, String> = BTreeMap::new();
@@ -184,6 +185,24 @@ impl Args {
         write(self.out.join("captures.jsonl"), text.into_bytes())?;
         let seconds = begun.elapsed().as_secs_f64();
         Ok(Summary { out: self.out.clone(), captures: wanted.len(), simulated, failed, is_complete, seconds })
+    }
+
+    /// Removes what an earlier run left in the same folder, so that nothing of it is taken for this one's.
+    fn clear_earlier(&self) -> Result<(), SimulateError> {
+        for (folder, extension) in [("surface", "npy"), ("sim", "png"), ("depth", "tiff")] {
+            for entry in std::fs::read_dir(self.out.join(folder)).into_iter().flatten().flatten() {
+                let path = entry.path();
+                let is_ours = path.extension().is_some_and(|e| e == extension)
+                    && path
+                        .file_stem()
+                        .is_some_and(|s| s.len() == 6 && s.to_string_lossy().parse::<u32>().is_ok());
+                if is_ours {
+                    std::fs::remove_file(&path)
+                        .map_err(|e| SimulateError::Write { path: path.clone(), why: e.to_string() })?;
+                }
+            }
+        }
+        Ok(())
     }
 
     fn wear(&self, twin: &Twin) -> Result<Wear, SimulateError> {

@@ -7,6 +7,7 @@ use crate::image;
 use crate::session::{Event, RealCapture};
 use std::collections::BTreeSet;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::{mpsc, watch};
 
 /// What every row of a run has in common.
@@ -25,6 +26,8 @@ pub(super) struct Recorder {
     pub run: RunNotes,
     pub background: watch::Sender<Option<Arc<Vec<u8>>>>,
     pub measured: watch::Sender<BTreeSet<u32>>,
+    /// Set when nothing more is to be stored; the session then ends at its next capture, retracted.
+    pub end: Arc<AtomicBool>,
     pub progress: mpsc::UnboundedSender<Progress>,
 }
 
@@ -32,6 +35,9 @@ impl Recorder {
     /// Stores events until the session has no more. The first failure ends it, and with it the session.
     pub fn run(self, mut events: mpsc::Receiver<Event>) -> Result<(), CollectionError> {
         while let Some(event) = events.blocking_recv() {
+            if self.end.load(Ordering::Relaxed) {
+                break;
+            }
             self.store(event)?;
         }
         Ok(())

@@ -57,6 +57,8 @@ pub struct Telemetry {
     pub last_loss: Option<String>,
     /// What the firmware introduced itself with.
     pub banner: Option<String>,
+    /// The last thing the device said that is no reply of its protocol.
+    pub strange: Option<String>,
     /// Why the link ended, once it has.
     pub ended: Option<String>,
     /// Stops begun, and stops whose steps have ended.
@@ -429,6 +431,7 @@ impl LinkTask {
         self.known.state = self.engine.state();
         self.known.positions = self.engine.positions();
         self.known.banner = self.engine.banner().map(str::to_owned);
+        self.known.strange = self.engine.strange().map(str::to_owned);
         self.known.stops = self.stops_seen;
         self.telemetry.send_replace(self.known.clone());
     }

@@ -131,28 +131,45 @@ impl Mover {
             identity: None,
             recover: None,
         };
-        if mover.spec.link.wake.is_some() {
-            match mover.call(Request::Wake).await {
+        mover.introduce().await.map_err(|e| mover.unless_it_speaks_otherwise(e))?;
+        mover.link.set_live();
+        Ok(mover)
+    }
+
+    /// Wakes the device, asks who it is, and sets it up.
+    async fn introduce(&mut self) -> Result<(), MoverError> {
+        if self.spec.link.wake.is_some() {
+            match self.call(Request::Wake).await {
                 // Whoever had it before left it in motion: the reset has stopped it, and it says what that cost.
-                Err(Failure::Alarm { .. }) => mover.call(Request::Wake).await?,
+                Err(Failure::Alarm { .. }) => self.call(Request::Wake).await?,
                 other => other?,
             };
         } else {
             // A board that resets on opening speaks by itself; one that does not needs no wait, but
             // cannot be told from the other.
-            mover.clock.sleep(Duration::from_millis(mover.spec.link.open_settle_ms)).await;
+            self.clock.sleep(Duration::from_millis(self.spec.link.open_settle_ms)).await;
         }
         // A board that was starting anyway introduces itself twice: once by itself, once when woken.
         let mut tries = 0;
         loop {
-            match mover.identify().await {
+            match self.identify().await {
                 Err(MoverError::Device(Failure::Restarted)) if tries < 3 => tries += 1,
                 other => break other.map(drop)?,
             };
         }
-        mover.call(Request::Run(Which::Init)).await?;
-        mover.link.set_live();
-        Ok(mover)
+        self.call(Request::Run(Which::Init)).await?;
+        Ok(())
+    }
+
+    /// No reply from a device that speaks another language is another error than silence.
+    fn unless_it_speaks_otherwise(&self, error: MoverError) -> MoverError {
+        match (&error, self.link.telemetry().strange) {
+            (MoverError::Device(Failure::NoReply { .. }), Some(said)) => MoverError::SpeaksOtherwise {
+                protocol: self.spec.protocol.name.clone(),
+                said: said.chars().take(60).collect(),
+            },
+            _ => error,
+        }
     }
 
     /// Asks the firmware who it is and verifies the answer; returns its words.
@@ -362,10 +379,12 @@ pub fn stop_bytes(spec: &Arc<Spec>, settings: &MoverSettings, kind: StopKind) ->
 }
 
 /// The bytes that a move would send, one entry for each command: for a dry run. The limits are
-/// checked as for a real move; line numbers and checksums that depend on them are left out.
+/// checked as for a real move; line numbers and checksums that depend on them are left out. `here` tells where
+/// axes are; one that is not named is taken to be at its target.
 pub fn preview_move(
     spec: &Arc<Spec>,
     settings: &MoverSettings,
+    here: &BTreeMap<String, f64>,
     targets: &[(&str, f64)],
     feed: f64,
 ) -> Result<Vec<Vec<u8>>, MoverError> {
@@ -382,5 +401,15 @@ pub fn preview_move(
         limits.check_position(name, *target)?;
         indexed.push((at, *target));
     }
-    Ok(engine.preview_move(&indexed, feed)?)
+    let target_of = |at: usize| indexed.iter().find(|(i, _)| *i == at).map_or(0.0, |(_, target)| *target);
+    let here: Vec<f64> = names
+        .iter()
+        .enumerate()
+        .map(|(at, name)| here.get(*name).copied().unwrap_or(target_of(at)))
+        .collect();
+    let mut bytes = Vec::new();
+    for leg in travel::legs(settings, &indexed, &here) {
+        bytes.extend(engine.preview_move(&leg, feed)?);
+    }
+    Ok(bytes)
 }

@@ -69,6 +69,8 @@ pub struct Engine {
     next_keepalive: Option<Timestamp>,
     urgent: Vec<u8>,
     events: Vec<Event>,
+    /// The last thing the device said that is no reply of this protocol.
+    strange: Option<String>,
 }
 
 impl Engine {
@@ -112,6 +114,7 @@ impl Engine {
             next_keepalive: None,
             urgent: Vec::new(),
             events: Vec::new(),
+            strange: None,
             spec,
             axes,
             groups,
@@ -153,6 +156,11 @@ impl Engine {
     /// The words the firmware introduced itself with.
     pub fn banner(&self) -> Option<&str> {
         self.banner.as_deref()
+    }
+
+    /// The last thing the device said that is no reply of this protocol.
+    pub fn strange(&self) -> Option<&str> {
+        self.strange.as_deref()
     }
 
     /// Whether the device by design answers nothing at present.
@@ -266,6 +274,7 @@ impl Engine {
     pub fn receive(&mut self, bytes: &[u8], now: Timestamp) {
         for unit in self.deframer.push(bytes, now) {
             if let Unit::Garbled(bytes) = &unit {
+                self.strange = Some(bytes.escape_ascii().to_string());
                 self.note(format!("unreadable bytes: {}", super::value::hex(bytes)));
                 continue;
             }
@@ -277,6 +286,7 @@ impl Engine {
                     Unit::Line(text) => String::from_utf8_lossy(text).into_owned(),
                     other => format!("{other:?}"),
                 };
+                self.strange = Some(raw.clone());
                 self.note(format!("unknown reply: {raw}"));
             }
             for reply in replies {

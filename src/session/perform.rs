@@ -85,6 +85,11 @@ impl SessionError {
         )
     }
 
+    /// Whether nothing can be in motion when this happens: a stop would only cost some devices their position.
+    fn comes_between_moves(&self) -> bool {
+        matches!(self, SessionError::NoReceiver | SessionError::NotMounted { .. })
+    }
+
     /// A mover that the switch interrupted tells it in its own words; the cause is the switch.
     fn unless_stopped(self, bench: &Bench) -> SessionError {
         let of_a_mover = matches!(
@@ -116,7 +121,7 @@ impl Session<'_> {
     /// Performs every capture that is not `done`. Ends retracted, or says why it could not.
     pub async fn run(mut self, done: &BTreeSet<u32>) -> Result<(), SessionError> {
         let result = self.perform(done).await.map_err(|e| e.unless_stopped(self.bench));
-        if result.is_err() {
+        if result.as_ref().is_err_and(|e| !e.comes_between_moves()) {
             // Whatever failed, the other device may still be moving.
             self.bench.stop.raise(StopLevel::Controlled);
         }

@@ -82,6 +82,16 @@ pub enum MoverError {
         /// What is missing in its file.
         what: &'static str,
     },
+    /// The device speaks, but something else.
+    #[error(
+        "the device answers, but not as {protocol} does: it said \"{said}\"; check that this is the right port (`twinrig devices` lists them), the baud rate, and `protocol` in the rig file"
+    )]
+    SpeaksOtherwise {
+        /// What was expected.
+        protocol: String,
+        /// What it said last, shortened.
+        said: String,
+    },
     /// The reply to a move was lost, and the device is not where the move leads.
     #[error(
         "the reply to a move was lost, and the device came to rest elsewhere; its position is known again, nothing was sent twice. Repeat the move, or check the cable"

@@ -398,9 +398,9 @@ async fn a_zaber_stage_homes_and_moves_to_where_it_says() {
 
 #[test]
 fn a_dry_run_shows_the_bytes_and_keeps_the_limits() {
-    let bytes = preview_move(&shipped("grbl"), &grbl(), &[("slide", -2.5)], 5.0).unwrap();
+    let bytes = preview_move(&shipped("grbl"), &grbl(), &BTreeMap::new(), &[("slide", -2.5)], 5.0).unwrap();
     assert_eq!(bytes, [b"$J=G90 G21 G53 X-2.5 F300\n".to_vec()]);
-    assert!(preview_move(&shipped("grbl"), &grbl(), &[("slide", 2.5)], 5.0).is_err());
+    assert!(preview_move(&shipped("grbl"), &grbl(), &BTreeMap::new(), &[("slide", 2.5)], 5.0).is_err());
 }
 
 #[test]

@@ -6,7 +6,7 @@
 
 use super::{Measured, Mover, MoverError, Reference};
 use crate::clock::{Part, Timestamp, spent};
-use crate::device::settings::{Approach, Side};
+use crate::device::settings::{Approach, MoverSettings, Side};
 use crate::motion::{LimitError, Profile};
 use crate::protocol::{Failure, Request, StopKind};
 use std::time::Duration;
@@ -26,6 +26,28 @@ pub struct Reached {
 const READBACK_TRIES: u32 = 5;
 /// Time between these readings.
 const READBACK_PAUSE: Duration = Duration::from_millis(100);
+
+/// One leg, or two where an axis must be approached from the other side. Axes are in the order of their names.
+pub(super) fn legs(
+    settings: &MoverSettings,
+    targets: &[(usize, f64)],
+    here: &[f64],
+) -> Vec<Vec<(usize, f64)>> {
+    let mut first = targets.to_vec();
+    for (at, target) in &mut first {
+        let Some(settings) = settings.axes.values().nth(*at) else { continue };
+        let Some(Approach { from, distance }) = settings.approach else { continue };
+        let now = here[*at];
+        // At the target already, the lash was taken up when it was reached.
+        let there = (now - *target).abs() <= settings.tolerance;
+        match from {
+            Side::Above if now < *target && !there => *target = (*target + distance).min(settings.max),
+            Side::Below if now > *target && !there => *target = (*target - distance).max(settings.min),
+            _ => {}
+        }
+    }
+    if first == targets { vec![first] } else { vec![first, targets.to_vec()] }
+}
 
 impl Mover {
     /// Moves axes to targets in a straight line, at `feed` along it in axis units per second, and
@@ -92,22 +114,9 @@ impl Mover {
         self.require_reference()
     }
 
-    /// One leg, or two where an axis must be approached from the other side.
     fn legs(&self, targets: &[(usize, f64)], here: &[Measured]) -> Vec<Vec<(usize, f64)>> {
-        let mut first = targets.to_vec();
-        for (at, target) in &mut first {
-            let settings = &self.settings.axes[&self.names[*at]];
-            let Some(Approach { from, distance }) = settings.approach else { continue };
-            let now = here[*at].position;
-            // At the target already, the lash was taken up when it was reached.
-            let there = (now - *target).abs() <= settings.tolerance;
-            match from {
-                Side::Above if now < *target && !there => *target = (*target + distance).min(settings.max),
-                Side::Below if now > *target && !there => *target = (*target - distance).max(settings.min),
-                _ => {}
-            }
-        }
-        if first == targets { vec![first] } else { vec![first, targets.to_vec()] }
+        let here: Vec<f64> = here.iter().map(|measured| measured.position).collect();
+        legs(&self.settings, targets, &here)
     }
 
     /// Sends one straight move and proves its end.
