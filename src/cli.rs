@@ -39,7 +39,7 @@ use std::process::ExitCode;
 #[command(
     after_help = "Try it without hardware:\n  twinrig collect rig_configs/virtual.toml rig_configs/plans/small.toml --out data/try\n\n\
 Exit codes: 0 done, 1 failed (resume continues), 2 refused (nothing touched), 130/143 stopped by a signal, 131 stopped twice.\n\
-Logging: TWINRIG_LOG=debug shows every command sent; NO_COLOR turns colours off."
+Logging: TWINRIG_LOG=debug tells more; the logs of the ports hold every byte; NO_COLOR turns colours off."
 )]
 struct Cli {
     #[command(subcommand)]

@@ -96,8 +96,10 @@ impl View {
         let image = image::Picture { width, height, rgb: seen.rgb };
         let contact = contact_mask(&self.sensor, pad);
         let contact_box_px = self.contact_box(&contact);
-        if let Some(notice) = &seen.notice {
-            tracing::warn!("capture {capture}: {notice}");
+        match &seen.notice {
+            Some(notice @ Notice::AboveTolerance { .. }) => tracing::info!("capture {capture}: {notice}"),
+            Some(notice) => tracing::warn!("capture {capture}: {notice}"),
+            None => {}
         }
         Ok(Picture {
             image,

@@ -72,6 +72,7 @@ async fn strike(device: &str, what: &FaultKind, byte: u64, outcomes: &mut Outcom
     b.assert_ends_at_rest(device, &tried).await;
 }
 
+#[expect(clippy::print_stderr, reason = "how many faults were tried is worth knowing")]
 async fn sweep(device: &str) {
     let bytes = dialogue_bytes(device).await;
     let mut outcomes = Outcomes::default();

@@ -10,9 +10,13 @@ use tracing_subscriber::Layer;
 use tracing_subscriber::layer::{Context, SubscriberExt};
 use twinrig::clock::SPENT;
 
-/// Sums of needed time and of everything that was told.
-#[derive(Clone, Default)]
-struct Ledger(Arc<Mutex<(Duration, Duration)>>);
+/// Sums of needed time and of everything that was told on one thread. It listens to the whole process, because a
+/// subscriber of one thread can miss what another thread met first with nobody listening.
+#[derive(Clone)]
+struct Ledger {
+    sums: Arc<Mutex<(Duration, Duration)>>,
+    thread: std::thread::ThreadId,
+}
 
 #[derive(Default)]
 struct Entry(String, Duration);
@@ -31,10 +35,10 @@ impl Visit for Entry {
 
 impl<S: tracing::Subscriber> Layer<S> for Ledger {
     fn on_event(&self, event: &tracing::Event<'_>, _: Context<'_, S>) {
-        if event.metadata().target() == SPENT {
+        if event.metadata().target() == SPENT && std::thread::current().id() == self.thread {
             let mut entry = Entry::default();
             event.record(&mut entry);
-            let mut sums = self.0.lock().unwrap();
+            let mut sums = self.sums.lock().unwrap();
             sums.1 += entry.1;
             if ["Motion", "Settle", "Exposure"].contains(&entry.0.as_str()) {
                 sums.0 += entry.1;
@@ -45,14 +49,15 @@ impl<S: tracing::Subscriber> Layer<S> for Ledger {
 
 #[tokio::test(start_paused = true)]
 async fn a_slip_episode_is_hardly_longer_than_motion_settling_and_exposures() {
-    let ledger = Ledger::default();
-    let _accounts = tracing::subscriber::set_default(tracing_subscriber::registry().with(ledger.clone()));
+    let ledger = Ledger { sums: Arc::default(), thread: std::thread::current().id() };
+    tracing::subscriber::set_global_default(tracing_subscriber::registry().with(ledger.clone()))
+        .expect("no other test of this program listens");
     let mut b = TestBench::new(&slip()).await.unwrap();
     let begun = b.clock.now();
     let (result, _) = b.run(&BTreeSet::new()).await;
     result.unwrap();
     let total = b.clock.now().since(begun);
-    let (needed, told) = *ledger.0.lock().unwrap();
+    let (needed, told) = *ledger.sums.lock().unwrap();
     let overhead = total.as_secs_f64() / needed.as_secs_f64() - 1.0;
     assert!(needed > Duration::from_secs(10), "there was something to do: {needed:?}");
     assert!(
