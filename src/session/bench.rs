@@ -195,6 +195,11 @@ impl Bench {
         Ok(())
     }
 
+    /// Whether a pose is where the last move led, each axis within its tolerance.
+    pub fn rests_at(&self, pose: &Pose) -> bool {
+        self.reached.is_some_and(|asked| self.as_asked(*pose) == asked)
+    }
+
     /// The pose with what is where it was sent in the words it was sent by: a device rounds, and what it has
     /// rounded away is no way to go.
     fn as_asked(&self, measured: Pose) -> Pose {

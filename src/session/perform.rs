@@ -267,8 +267,9 @@ impl Session<'_> {
             self.bench.still_frame(self.settings.still_rms, self.settings.frame_within).await?;
         let settle = frame.stamp.exposed_at.since(settled_at);
         let (mut measured, mut positions) = self.measured(zero_mm).await?;
-        // Many firmwares answer without a checksum: what departs is asked once more before it is believed.
-        if self.departs(commanded, &measured) {
+        // Many firmwares answer without a checksum: what was not measured on arrival is asked once more before it
+        // is believed.
+        if !self.bench.rests_at(&Pose { z_mm: measured.z_mm + zero_mm, ..measured }) {
             tracing::warn!("capture {capture}: read at {measured} instead of {commanded}; asking again");
             (measured, positions) = self.measured(zero_mm).await?;
         }
