@@ -27,6 +27,7 @@ pub mod operator;
 pub mod springs;
 pub mod stress;
 
+use super::interrupt::Interrupt;
 use super::{
     ContactForces, Elastomer, ElastomerCapture, Error, Friction, Pad, PadShape, Settings, SolverStats,
     Surface,
@@ -41,6 +42,7 @@ use newton::{Machine, Newton, Outcome, Problem};
 use operator::Operator;
 use springs::FaceGreen;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// Smallest distance of the contact from the pad's edge, mm.
 const EDGE_MARGIN_MM: f64 = 1.0;
@@ -77,6 +79,7 @@ const MOST_PASSES: f64 = 4000.0;
 #[derive(Debug)]
 pub struct QuasiStaticSolver {
     machine: Arc<Machine>,
+    interrupt: Interrupt,
     indenter: Arc<dyn Indenter>,
     pose: Pose,
     tolerance: f64,
@@ -173,6 +176,7 @@ impl QuasiStaticSolver {
         let least_force = 1e-5 * material.youngs_modulus_mpa * grid.hx * grid.hy;
         let operator = Operator::new(grid, material.law, mu, lambda);
         let mut solver = Self {
+            interrupt: Interrupt::default(),
             machine: Arc::new(Machine { operator, layer, green }),
             indenter,
             pose: *start,
@@ -347,6 +351,7 @@ impl Elastomer for QuasiStaticSolver {
         let (mut done, mut stride, mut restarts) = (0.0, 1.0 / parts, 0);
         let begun = self.newton.passes;
         while done < 1.0 {
+            self.interrupt.check()?;
             let next = f64::min(1.0, done + stride);
             let next = if next > 1.0 - 1e-9 { 1.0 } else { next };
             match self.increment(&start.lerp(pose, next)) {
@@ -450,9 +455,14 @@ impl Elastomer for QuasiStaticSolver {
         })
     }
 
+    fn interrupt_by(&mut self, flag: Arc<AtomicBool>) {
+        self.interrupt = Interrupt::by(flag);
+    }
+
     fn fork(&self) -> Box<dyn Elastomer> {
         Box::new(Self {
             machine: Arc::clone(&self.machine),
+            interrupt: self.interrupt.clone(),
             indenter: Arc::clone(&self.indenter),
             pose: self.pose,
             tolerance: self.tolerance,
