@@ -79,7 +79,6 @@ const MOST_PASSES: f64 = 4000.0;
 #[derive(Debug)]
 pub struct QuasiStaticSolver {
     machine: Arc<Machine>,
-    interrupt: Interrupt,
     indenter: Arc<dyn Indenter>,
     pose: Pose,
     tolerance: f64,
@@ -176,7 +175,6 @@ impl QuasiStaticSolver {
         let least_force = 1e-5 * material.youngs_modulus_mpa * grid.hx * grid.hy;
         let operator = Operator::new(grid, material.law, mu, lambda);
         let mut solver = Self {
-            interrupt: Interrupt::default(),
             machine: Arc::new(Machine { operator, layer, green }),
             indenter,
             pose: *start,
@@ -351,7 +349,7 @@ impl Elastomer for QuasiStaticSolver {
         let (mut done, mut stride, mut restarts) = (0.0, 1.0 / parts, 0);
         let begun = self.newton.passes;
         while done < 1.0 {
-            self.interrupt.check()?;
+            self.newton.interrupt.check()?;
             let next = f64::min(1.0, done + stride);
             let next = if next > 1.0 - 1e-9 { 1.0 } else { next };
             match self.increment(&start.lerp(pose, next)) {
@@ -456,13 +454,12 @@ impl Elastomer for QuasiStaticSolver {
     }
 
     fn interrupt_by(&mut self, flag: Arc<AtomicBool>) {
-        self.interrupt = Interrupt::by(flag);
+        self.newton.interrupt = Interrupt::by(flag);
     }
 
     fn fork(&self) -> Box<dyn Elastomer> {
         Box::new(Self {
             machine: Arc::clone(&self.machine),
-            interrupt: self.interrupt.clone(),
             indenter: Arc::clone(&self.indenter),
             pose: self.pose,
             tolerance: self.tolerance,
@@ -474,7 +471,7 @@ impl Elastomer for QuasiStaticSolver {
             outcome: self.outcome,
             penetration_mm: self.penetration_mm,
             unsettled: self.unsettled,
-            newton: Newton::default(),
+            newton: Newton::ended_by(self.newton.interrupt.clone()),
             least_force: self.least_force,
         })
     }
