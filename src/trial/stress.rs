@@ -211,8 +211,9 @@ mod tests {
             (0..200).map(|n| case(n, 1, &bodies).family).collect();
         assert_eq!(families.len(), Family::ALL.len());
         for n in 0..60 {
+            // As text, because hostile settings hold what is not equal to itself.
             let (a, b) = (case(n, 1, &bodies), case(n, 1, &bodies));
-            assert_eq!((a.title(), &a.settings, &a.pad), (b.title(), &b.settings, &b.pad));
+            assert_eq!(format!("{a:?}"), format!("{b:?}"));
         }
     }
 
@@ -229,28 +230,32 @@ mod tests {
     }
 
     #[test]
-    fn hostile_cases_are_refused_with_advice() {
+    fn settings_and_pads_that_make_no_sense_are_refused_with_advice() {
         let bodies = bodies();
-        let mut seen = 0;
-        for n in 0..400 {
+        let mut seen = std::collections::BTreeSet::new();
+        for n in 0..260 {
             let case = case(n, 1, &bodies);
-            if case.family == Family::Hostile {
+            let Some(name) = case.hostile else { continue };
+            seen.insert(name);
+            // Poses are met on the way, so they are left to the sweep, which can end what does not end.
+            if !name.starts_with("po") && !name.starts_with("depth") {
                 let judgement = run(&case);
                 assert_eq!(judgement.verdict, Verdict::Refused, "{judgement:?}");
-                seen += 1;
             }
         }
-        assert!(seen >= hostile::NAMES.len(), "every hostile thing comes by");
+        assert_eq!(seen.len(), hostile::NAMES.len(), "every hostile thing comes by");
     }
 
     #[test]
     fn a_solver_that_lies_is_caught() {
-        // The walk of a sound solver, told that twice the depth was meant: it must be found out.
+        // A sound solver's captures, falsified before they are judged.
         let bodies = bodies();
-        let sound = (0..400)
+        let mut sound = (0..400)
             .map(|n| case(n, 1, &bodies))
             .find(|c| c.family == Family::Layer)
             .expect("a case of the exact layer");
+        // Coarse, to be quick.
+        sound.settings.tolerance = 0.03;
         let judgement = run(&sound);
         assert_eq!(judgement.verdict, Verdict::Correct, "{judgement:?}");
         let mut checks = Checks::default();

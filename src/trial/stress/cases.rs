@@ -229,6 +229,12 @@ fn sphere(radius_mm: f64) -> Body {
     Body { name: format!("sphere R{radius_mm}"), spec }
 }
 
+/// A flat round punch, its edge rounded.
+fn disc() -> Body {
+    let shape = Shape::Flat { plan: Plan::Disc { diameter_mm: 6.0 } };
+    Body { name: "disc".into(), spec: scene::spec(shape, 0.3) }
+}
+
 /// One of the given bodies or a hard one, its edges sharp or rounded where that fits.
 fn any_body(draw: &mut Draw, bodies: &[Body]) -> Body {
     let hard = hard_bodies();
@@ -299,6 +305,7 @@ pub fn case(number: u32, seed: u64, bodies: &[Body]) -> Case {
             case.slide_mm = draw.of(&[0.0, 0.0, 0.25]);
         }
         Family::Mirror => {
+            case.body = draw.of(&[sphere(2.0), sphere(3.0), sphere(5.0), disc()].each_ref()).clone();
             case.slide_mm = slide.min(1.0);
             case.depth_mm = case.depth_mm.clamp(0.1, 1.0);
         }
@@ -314,7 +321,7 @@ pub fn case(number: u32, seed: u64, bodies: &[Body]) -> Case {
             case.depth_mm = draw.of(&[0.2, 0.4]);
             case.settings.tolerance = 0.1;
             case.settings.friction = draw.of(&[Friction::Coefficient(0.0), Friction::Infinite]);
-            case.times = 500;
+            case.times = if case.settings.friction == Friction::Infinite { 100 } else { 1000 };
             case.lattice = 17;
         }
         Family::Border => {

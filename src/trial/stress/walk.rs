@@ -225,7 +225,7 @@ fn path(walk: &mut Walk<'_>) -> Result<(), Error> {
         // dE/dd = F, by a central difference of second order.
         let slope = (energy(&deep) - energy(&low)) / (0.2 * depth);
         let off = (slope - middle.forces.normal_force_n) / middle.forces.normal_force_n;
-        let bound = 0.03 + 0.5 * walk.claim;
+        let bound = 0.03 + walk.claim;
         // Where points slip, some of the work is lost.
         let sticks_or_slides = !matches!(case.settings.friction, Friction::Coefficient(mu) if mu > 0.0);
         walk.checks.hold("dE/dd against force", if sticks_or_slides { off.abs() } else { off }, bound);
