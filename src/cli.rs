@@ -27,6 +27,7 @@ mod report;
 mod simulate;
 mod status;
 mod stop;
+mod stress;
 mod verify;
 
 use clap::{Parser, Subcommand};
@@ -66,6 +67,7 @@ enum Command {
     Render(render::Args),
     Protocol(protocol::Args),
     Bench(bench::Args),
+    Stress(stress::Args),
     Replay(replay::Args),
 }
 
@@ -100,6 +102,7 @@ pub fn main() -> ExitCode {
             Command::Render(args) => args.run(),
             Command::Protocol(args) => args.run(),
             Command::Bench(args) => args.run().await,
+            Command::Stress(args) => args.run().await,
             Command::Replay(args) => args.run(),
         }
     });
