@@ -4,6 +4,7 @@
 //! its frame was exposed after that; a session that ends early has stopped both movers, and has lifted
 //! the arm if, and only if, its position is trusted.
 
+mod arm;
 mod bench_over_pipes;
 mod faults;
 mod overhead;

@@ -18,7 +18,7 @@ struct Bench {
     clock: Clock,
 }
 
-fn axis(wire: &str, min: f64, max: f64) -> AxisSettings {
+pub(super) fn axis(wire: &str, min: f64, max: f64) -> AxisSettings {
     AxisSettings {
         wire: wire.to_owned(),
         kind: AxisKind::Linear,
@@ -32,7 +32,7 @@ fn axis(wire: &str, min: f64, max: f64) -> AxisSettings {
     }
 }
 
-fn settings(protocol: &str, axes: &[(&str, AxisSettings)]) -> MoverSettings {
+pub(super) fn settings(protocol: &str, axes: &[(&str, AxisSettings)]) -> MoverSettings {
     MoverSettings {
         protocol: protocol.to_owned(),
         port: PortSettings::Path("virtual".to_owned()),
@@ -42,6 +42,7 @@ fn settings(protocol: &str, axes: &[(&str, AxisSettings)]) -> MoverSettings {
         settle_ms: 150,
         stall_ms: 3000,
         axes: axes.iter().map(|(name, axis)| ((*name).to_owned(), axis.clone())).collect(),
+        kinematics: None,
     }
 }
 
@@ -414,7 +415,7 @@ fn an_axis_the_protocol_cannot_name_is_refused() {
 }
 
 /// Speaks in counts, so its axis has a scale; everything else as [`axis`].
-fn counted(wire: &str, max: f64, counts_per_unit: f64) -> AxisSettings {
+pub(super) fn counted(wire: &str, max: f64, counts_per_unit: f64) -> AxisSettings {
     AxisSettings {
         counts_per_unit: Some(counts_per_unit),
         max_feed: 40.0,
@@ -423,7 +424,7 @@ fn counted(wire: &str, max: f64, counts_per_unit: f64) -> AxisSettings {
     }
 }
 
-fn dobot() -> MoverSettings {
+pub(super) fn dobot() -> MoverSettings {
     let arm =
         |wire: &str, min, max| (wire.to_owned(), AxisSettings { max_feed: 80.0, ..axis(wire, min, max) });
     let mut settings = settings("dobot_magician", &[]);
