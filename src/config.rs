@@ -16,6 +16,7 @@
 //!
 //! What this module never does: open a device, or print.
 
+mod agree;
 mod builtin;
 mod check_report;
 pub mod document;

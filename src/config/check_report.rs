@@ -65,6 +65,8 @@ pub struct PlanReport {
     pub depths_mm: Vec<f64>,
     /// Moves of each phase.
     pub moves: Vec<(Phase, usize)>,
+    /// Indenters that somebody must mount; none on a virtual bench.
+    pub by_hand: usize,
     /// How the contact zero is known.
     pub contact: Contact,
     /// Hash of the trajectory, as every row of the dataset will carry it.
@@ -122,6 +124,7 @@ impl CheckReport {
             locations: p.plan.locations_mm.len(),
             depths_mm: p.plan.depths_mm.clone(),
             moves: moves(&p.trajectory),
+            by_hand: if rig.is_virtual() { 0 } else { p.estimate.indenter_changes as usize },
             contact: p.plan.contact,
             trajectory_blake3: p.trajectory.hash(),
             estimate: p.estimate,
@@ -210,13 +213,17 @@ impl fmt::Display for PlanReport {
         let e = &self.estimate;
         writeln!(
             f,
-            "time: about {} (moving {}, settling {}, pictures {}, touch-off {}), and {} by hand",
+            "bench time: about {} (moving {}, settling {}, pictures {}, touch-off {}){}",
             span(e.total()),
             span(e.motion),
             span(e.settling),
             span(e.exposures),
             span(e.touch_off),
-            counted(e.indenter_changes as usize, "indenter"),
+            if self.by_hand > 0 {
+                format!(", and {} mounted by hand", counted(self.by_hand, "indenter"))
+            } else {
+                String::new()
+            },
         )?;
         writeln!(f, "disk: about {}", bytes(e.disk_bytes))?;
         writeln!(f, "trajectory: {}", self.trajectory_blake3)

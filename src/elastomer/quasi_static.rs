@@ -27,6 +27,7 @@ pub mod operator;
 pub mod springs;
 pub mod stress;
 
+use super::interrupt::Interrupt;
 use super::{
     ContactForces, Elastomer, ElastomerCapture, Error, Friction, Pad, PadShape, Settings, SolverStats,
     Surface,
@@ -41,6 +42,7 @@ use newton::{Machine, Newton, Outcome, Problem};
 use operator::Operator;
 use springs::FaceGreen;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// Smallest distance of the contact from the pad's edge, mm.
 const EDGE_MARGIN_MM: f64 = 1.0;
@@ -347,6 +349,7 @@ impl Elastomer for QuasiStaticSolver {
         let (mut done, mut stride, mut restarts) = (0.0, 1.0 / parts, 0);
         let begun = self.newton.passes;
         while done < 1.0 {
+            self.newton.interrupt.check()?;
             let next = f64::min(1.0, done + stride);
             let next = if next > 1.0 - 1e-9 { 1.0 } else { next };
             match self.increment(&start.lerp(pose, next)) {
@@ -450,6 +453,10 @@ impl Elastomer for QuasiStaticSolver {
         })
     }
 
+    fn interrupt_by(&mut self, flag: Arc<AtomicBool>) {
+        self.newton.interrupt = Interrupt::by(flag);
+    }
+
     fn fork(&self) -> Box<dyn Elastomer> {
         Box::new(Self {
             machine: Arc::clone(&self.machine),
@@ -464,7 +471,7 @@ impl Elastomer for QuasiStaticSolver {
             outcome: self.outcome,
             penetration_mm: self.penetration_mm,
             unsettled: self.unsettled,
-            newton: Newton::default(),
+            newton: Newton::ended_by(self.newton.interrupt.clone()),
             least_force: self.least_force,
         })
     }

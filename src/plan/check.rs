@@ -28,6 +28,7 @@ use crate::problem::Problems;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+pub use axes::check as check_axes;
 pub use contact::{DEEPEST_SHARE, EDGE_MARGIN_MM};
 
 /// What one axis of the rig may do.

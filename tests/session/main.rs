@@ -197,9 +197,10 @@ async fn a_lost_stage_does_not_keep_a_trusted_arm_down() {
     assert!(
         matches!(
             &error,
-            SessionError::Bench(BenchError::Mover(
-                MoverError::Device(Failure::LinkLost(_)) | MoverError::PositionLost { .. }
-            ))
+            SessionError::Bench(BenchError::Mover {
+                source: MoverError::Device(Failure::LinkLost(_)) | MoverError::PositionLost { .. },
+                ..
+            })
         ),
         "{error:?}"
     );

@@ -5,6 +5,7 @@
 //! directional derivative makes the iteration safe (Nocedal and Wright, chapters 3 and 7). Directions of
 //! negative curvature end the inner iteration.
 
+use super::super::interrupt::Interrupt;
 use super::contact::Contacts;
 use super::layer::RestLayer;
 use super::operator::{Evaluation, LEAST_VOLUME, Operator, Tangent};
@@ -42,6 +43,8 @@ pub struct Newton {
     z: Vec<f32>,
     p: Vec<f32>,
     ap: Vec<f32>,
+    /// Ends every solution early.
+    pub(in crate::elastomer) interrupt: Interrupt,
     /// Newton iterations since the counters were cleared.
     pub iterations: u64,
     /// Tangent applications since the counters were cleared.
@@ -78,6 +81,11 @@ pub struct Problem<'a> {
 }
 
 impl Newton {
+    /// A solver without memory that this ends early.
+    pub(in crate::elastomer) fn ended_by(interrupt: Interrupt) -> Self {
+        Self { interrupt, ..Self::default() }
+    }
+
     /// Predicts the displacement at a new pose: one linear solve in which what touches keeps touching.
     pub fn predict(&mut self, problem: &Problem<'_>, contacts: &mut Contacts, u: &mut Vec<f32>) {
         let grid = problem.machine.operator.grid();
@@ -210,6 +218,10 @@ impl Newton {
         // In the preconditioner's norm: the stiff contact springs do not hide the soft pad.
         let stop = goal * goal * rz;
         for pass in 0..MOST_PASSES {
+            // What is found now is of no use any more; whoever asked for it ends.
+            if self.interrupt.check().is_err() {
+                break;
+            }
             op.apply(&self.tangent, &self.p, &mut self.ap);
             contacts.apply(&self.p, &mut self.ap);
             self.passes += 1;

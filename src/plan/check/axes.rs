@@ -7,7 +7,8 @@ use crate::pose::Pose;
 use crate::problem::Problems;
 use std::collections::BTreeMap;
 
-pub(super) fn check(plan: &Plan, trajectory: &Trajectory, rig: &RigFences, problems: &mut Problems) {
+/// The rules about axes alone; for all of them see [`super::check`].
+pub fn check(plan: &Plan, trajectory: &Trajectory, rig: &RigFences, problems: &mut Problems) {
     for coordinate in Coordinate::ALL {
         match rig.map.role(coordinate) {
             None => check_unprovided(coordinate, trajectory, problems),
