@@ -199,7 +199,7 @@ impl Kinematics {
         let reachable = is_sound && self.joints.iter().all(|j| axes.contains_key(&j.axis));
         if let (true, Err(error)) = (reachable, self.ready_joints(axes)) {
             let said = error.to_string();
-            let (what, next) = said.split_once("; ").unwrap_or((&said, "choose another pose"));
+            let (what, next) = said.rsplit_once("; ").unwrap_or((&said, "choose another pose"));
             problems.push("ready_mm", what, "a pose that the arm can take, tool upright", next);
         }
     }

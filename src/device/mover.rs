@@ -22,6 +22,8 @@ mod faults;
 mod glide;
 mod observer;
 #[cfg(test)]
+mod pitfalls;
+#[cfg(test)]
 mod tests;
 mod tool;
 #[cfg(test)]

@@ -71,7 +71,7 @@ pub struct Joint {
 pub enum ReachError {
     /// Too far, too near, or not with the tool upright.
     #[error(
-        "({pose}) is out of the arm's reach: the nearest it comes is {off_mm:.2} mm away, tilted by {tilt_deg:.2} deg; its tool reaches {reach_mm:.1} mm from its first joint, the pose is {distance_mm:.1} mm from there: move the base of the arm, or choose another pose"
+        "({pose}) is out of the arm's reach: the nearest it comes is {off_mm:.2} mm away, tilted by {tilt_deg:.2} deg (from its first joint the pose is {distance_mm:.1} mm away; stretched out, the arm is {reach_mm:.1} mm long, with the tool upright it reaches less far); move the base of the arm, or choose another pose"
     )]
     OutOfReach {
         /// The pose asked for.

@@ -11,11 +11,11 @@ use crate::protocol::conformance::tests::shipped;
 use std::sync::Mutex;
 
 /// A mover connected to an emulator.
-struct Bench {
-    mover: Mover,
-    device: SharedDevice,
-    world: World,
-    clock: Clock,
+pub(super) struct Bench {
+    pub(super) mover: Mover,
+    pub(super) device: SharedDevice,
+    pub(super) world: World,
+    pub(super) clock: Clock,
 }
 
 pub(super) fn axis(wire: &str, min: f64, max: f64) -> AxisSettings {
@@ -85,7 +85,7 @@ async fn connect(settings: MoverSettings, plan: FaultPlan) -> Result<Bench, Move
     Ok(Bench { mover: mover?, device, world, clock })
 }
 
-async fn homed(settings: MoverSettings) -> Bench {
+pub(super) async fn homed(settings: MoverSettings) -> Bench {
     let mut bench = connect(settings, FaultPlan::none()).await.unwrap();
     bench.mover.home().await.unwrap();
     bench
@@ -96,7 +96,7 @@ impl Bench {
         with(&self.device, |d| d.strike_later(Fault { at, what }));
     }
 
-    fn truth(&self, axis: &str) -> f64 {
+    pub(super) fn truth(&self, axis: &str) -> f64 {
         self.world.position("stage", axis, self.clock.now())
     }
 }
@@ -435,7 +435,7 @@ pub(super) fn dobot() -> MoverSettings {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_feed_of_a_move_is_the_speed_of_the_device_whatever_it_was_set_to() {
+async fn pitfall_28_the_feed_of_a_move_is_the_speed_of_the_device_whatever_it_was_set_to() {
     let turn = 4096.0 / 360.0;
     let devices = [
         (settings("thorlabs_apt", &[("a", counted("80/1", 50.0, 34554.96))]), "a", [1.0, 5.0], 1.0),

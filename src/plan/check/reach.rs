@@ -87,8 +87,7 @@ fn check_arm(
     for (key, Missed { count, what, error, .. }) in missed {
         let times = if count > 1 { format!(" (the worst of {count})") } else { String::new() };
         let said = error.to_string();
-        let (said, next) =
-            said.rsplit_once(": ").or(said.rsplit_once("; ")).unwrap_or((&said, "choose another pose"));
+        let (said, next) = said.rsplit_once("; ").unwrap_or((&said, "choose another pose"));
         problems.push(
             key,
             format!("{what}: {said}{times}"),
