@@ -12,8 +12,8 @@ async fn bent(by: f64, back_after_ms: u64) -> (Result<travel::Reached, MoverErro
     let (clock, device) = (b.clock, b.device.clone());
     let begun = clock.now();
     tokio::spawn(async move {
-        // 20 degrees at 20 degrees a second, and its ramps; before the first look at where it is.
-        clock.sleep(Duration::from_millis(1115)).await;
+        // 20 degrees at 20 degrees a second, with ramps of a fifth; before the first look at where it is.
+        clock.sleep(Duration::from_millis(1230)).await;
         let push = |by: f64| {
             with(&device, |d| {
                 d.emulator().lose_steps("1", by, clock.now());
