@@ -92,13 +92,17 @@ impl CheckReport {
         let rig = &setup.rig;
         let mut axes = Vec::new();
         for (device, mover) in &rig.devices {
-            for (name, axis) in &mover.axes {
+            let joints = mover.axes.iter().filter(|_| mover.kinematics.is_some());
+            let of_poses = mover.pose_axes();
+            for (name, axis, is_joint) in
+                of_poses.iter().map(|(n, a)| (n, a, false)).chain(joints.map(|(n, a)| (n, a, true)))
+            {
                 let provides = Coordinate::ALL
                     .into_iter()
                     .find(|c| rig.motion.role(*c).is_some_and(|r| r.device == *device && r.axis == *name));
                 axes.push(AxisReport {
                     axis: format!("{device}.{name}"),
-                    coordinate: provides.map(Coordinate::name),
+                    coordinate: if is_joint { Some("the tool") } else { provides.map(Coordinate::name) },
                     unit: axis.kind.unit(),
                     limits: [axis.min, axis.max],
                     max_feed: axis.max_feed,

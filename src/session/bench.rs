@@ -188,6 +188,15 @@ impl Bench {
                 measured: told.map_or(f64::NAN, |(_, _, p)| *p),
             });
         }
+        // What was measured of an arm is its joints: they are the proof.
+        for (device, axis, position) in measured {
+            let is_a_role = readings.iter().any(|r| r.device == *device && r.axis == *axis);
+            let sent = self.movers.get(device).and_then(|mover| mover.sent_to(axis));
+            if let Some(commanded) = sent.filter(|_| !is_a_role) {
+                let (device, axis) = (device.clone(), axis.clone());
+                readings.push(AxisReading { device, axis, commanded, measured: *position });
+            }
+        }
         readings
     }
 

@@ -134,7 +134,7 @@ fn check_provided(
     }
 }
 
-fn described(coordinate: Coordinate, pose: &Pose, waypoint: Option<&Waypoint>) -> String {
+pub(super) fn described(coordinate: Coordinate, pose: &Pose, waypoint: Option<&Waypoint>) -> String {
     let what = match waypoint {
         None => "the start".to_owned(),
         Some(Waypoint { capture: Some(capture), .. }) => format!("capture {capture}"),
@@ -143,7 +143,7 @@ fn described(coordinate: Coordinate, pose: &Pose, waypoint: Option<&Waypoint>) -
     format!("{} = {} ({what})", coordinate.name(), coordinate.of(pose))
 }
 
-fn phase_name(phase: Phase) -> &'static str {
+pub(super) fn phase_name(phase: Phase) -> &'static str {
     match phase {
         Phase::Approach => "approach",
         Phase::Press => "press",
@@ -154,7 +154,7 @@ fn phase_name(phase: Phase) -> &'static str {
 }
 
 /// The key of the plan file that decides a coordinate in a phase.
-fn plan_key(coordinate: Coordinate, phase: Phase) -> &'static str {
+pub(super) fn plan_key(coordinate: Coordinate, phase: Phase) -> &'static str {
     match (coordinate, phase) {
         (Coordinate::Theta, _) => "rotate.angle_deg",
         (Coordinate::Z, Phase::Approach | Phase::Retract) => "clearance_mm",
