@@ -657,8 +657,10 @@ impl Desk<'_> {
             }
         }
         if albedos != [Vec3::ZERO; 4] {
-            let u = Eight::all(((x - x0) as f32 + 0.5) / (x1 - x0) as f32);
-            let v = Eight::all(((y - y0) as f32 + 0.5) / (y1 - y0) as f32);
+            // Each corner with the light and the horizons where it stands.
+            let at = |k: usize, low: usize, high: usize| ((k - low) as f32) / (high - low) as f32;
+            let u = Eight(std::array::from_fn(|k| at(x + k % 2, x0, x1)));
+            let v = Eight(std::array::from_fn(|k| at(y + k / 2 % 2, y0, y1)));
             self.sums.fill(Vectors::all(Vec3::ZERO));
             self.block.light([u, v], points, normals, &once.radiances, &mut self.sums);
         }
