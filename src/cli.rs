@@ -20,7 +20,9 @@ mod home;
 mod jog;
 mod move_to;
 mod options;
+mod picture_file;
 mod protocol;
+mod relight;
 mod render;
 mod replay;
 mod report;
@@ -64,6 +66,7 @@ enum Command {
     Report(report::Args),
     Emulate(emulate::Args),
     Render(render::Args),
+    Relight(relight::Args),
     Protocol(protocol::Args),
     Bench(bench::Args),
     Replay(replay::Args),
@@ -98,6 +101,7 @@ pub fn main() -> ExitCode {
             Command::Report(args) => args.run(),
             Command::Emulate(args) => args.run().await,
             Command::Render(args) => args.run(),
+            Command::Relight(args) => args.run(),
             Command::Protocol(args) => args.run(),
             Command::Bench(args) => args.run().await,
             Command::Replay(args) => args.run(),

@@ -18,6 +18,7 @@
 
 pub mod accel;
 pub mod basis;
+pub mod basis_folder;
 pub mod bench_scene;
 pub mod bsdf;
 pub mod camera;

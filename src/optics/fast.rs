@@ -79,6 +79,8 @@ pub struct Precomputed {
     tables: Tables,
     /// Indirect light of all lights together.
     total: Grid<{ probes::NUMBERS }>,
+    /// Indirect light by light in one number for three colours, where nothing in the sensor has a colour.
+    greys: Option<Vec<Grid<{ probes::TERMS }>>>,
     /// What of the fixed parts shows, of all lights together, by corner.
     fixed_total: Vec<Vec3>,
     /// What a plate mirrors into each pixel, and the part of the pad's light that it lets through; empty without one.
@@ -206,6 +208,7 @@ impl Precomputed {
             fixed_scene: without_pad_mesh(untouched),
             grain: view.camera.width / untouched.camera.width,
             total: probes::total(&tables.probes, &radiances),
+            greys: tables.probes.iter().map(probes::grey).collect(),
             view,
             sources,
             radiances,
@@ -215,6 +218,33 @@ impl Precomputed {
             transmitted,
             pixel_mm,
         }
+    }
+
+    /// The same sensor with lights of other radiances, one a light: what was worked out holds for all.
+    ///
+    /// # Errors
+    /// When there is not one radiance for each light.
+    pub fn with_radiances(&self, radiances: &[Vec3]) -> Result<Self, Error> {
+        let lights = self.fixed_scene.lights.len();
+        if radiances.len() != lights {
+            return Err(Error::Setting {
+                key: "lights",
+                value: format!("{} radiances", radiances.len()),
+                why: format!("the sensor has {lights} lights; give one radiance each"),
+            });
+        }
+        Ok(self.lit_by(radiances))
+    }
+
+    /// All lights of radiance 1.
+    fn white(&self) -> Self {
+        self.lit_by(&vec![Vec3::ONE; self.radiances.len()])
+    }
+
+    fn lit_by(&self, radiances: &[Vec3]) -> Self {
+        let mut scene = self.fixed_scene.clone();
+        scene.lights.iter_mut().zip(radiances).for_each(|(light, radiance)| light.radiance = *radiance);
+        Self::assemble(&scene, self.view.clone(), self.sources.clone(), self.tables.clone())
     }
 
     /// The value of the fixed part that a corner of a pixel sees.
@@ -356,32 +386,36 @@ impl<'a> Renderer<'a> {
     pub fn basis(&self) -> LightBasis {
         let names = self.once.fixed_scene.lights.iter().map(|l| l.name.clone()).collect();
         let n = self.once.sources.len();
-        let mut films = self.pictures(n).films;
-        if n == 1 {
-            // A single picture is lit by the light's own radiance.
-            let radiance = self.once.radiances[0].max(Vec3::splat(1e-30));
-            films[0].pixels.iter_mut().for_each(|p| *p /= radiance);
-        }
+        let films = match n {
+            // A single picture is one of all lights together: here of a white one.
+            1 => self.pictures_of(&self.once.white(), 1).films,
+            _ => self.pictures(n).films,
+        };
         LightBasis { names, films }
     }
 
     fn pictures(&self, films: usize) -> frame::Pictures {
-        let [columns, rows] = self.once.view.corners();
+        self.pictures_of(self.once, films)
+    }
+
+    fn pictures_of(&self, once: &Precomputed, films: usize) -> frame::Pictures {
+        let [columns, rows] = once.view.corners();
         let vertices = self.projected();
         let seen = Projected { lattice: self.lattice, vertices: &vertices, offset: 0.0 }.draw(columns, rows);
-        let varying = self.once.sources.iter().any(|s| !s.is_fixed());
+        let varying = once.sources.iter().any(|s| !s.is_fixed());
+        let grey = films > 1 && once.greys.is_some();
         let frame = Frame {
-            once: self.once,
+            once,
             mesh: &self.mesh,
             nx: self.lattice[0],
             albedo: &self.albedo,
             heights: &self.heights,
             seen: &seen,
             effort: self.effort,
-            slots: Slots::new(self.once.sources.len(), films, varying, self.once.view.slab.is_some()),
+            slots: Slots::new(once.sources.len(), films, varying, once.view.slab.is_some(), grey),
         };
         let mut pictures = frame.render();
-        let grain = self.once.grain;
+        let grain = once.grain;
         if grain > 1 {
             pictures.films.iter_mut().for_each(|film| *film = shrunk(film, grain));
             // Errors of neighbours average out over a pixel, changes do not.

@@ -229,9 +229,14 @@ impl Frame<'_> {
         }
         let grids =
             if slots.films == 1 { std::slice::from_ref(&once.total) } else { &once.tables.probes[..] };
+        let greys = once.greys.as_deref().filter(|_| slots.grey).unwrap_or_default();
         for (p, node) in points.iter().zip(out.chunks_exact_mut(stride)) {
             node[POSITION..3].copy_from_slice(&p.to_array());
-            for (film, grid) in grids.iter().enumerate() {
+            for (film, grid) in greys.iter().enumerate() {
+                let values = grid.at(*p);
+                node[slots.indirect(film)..][..values.len()].copy_from_slice(&values);
+            }
+            for (film, grid) in grids.iter().enumerate().filter(|_| !slots.grey) {
                 let values = grid.at(*p);
                 node[slots.indirect(film)..][..values.len()].copy_from_slice(&values);
             }

@@ -107,6 +107,14 @@ pub fn total(grids: &[Grid<NUMBERS>], radiances: &[Vec3]) -> Grid<NUMBERS> {
     Grid::from_values(places.clone(), sum)
 }
 
+/// One number for three colours; None where they differ.
+pub fn grey(grid: &Grid<NUMBERS>) -> Option<Grid<TERMS>> {
+    let (places, values) = grid.parts();
+    let same = |n: &[f32; NUMBERS]| n.chunks_exact(3).all(|c| c[0] == c[1] && c[1] == c[2]);
+    let one = |n: &[f32; NUMBERS]| std::array::from_fn(|k| n[3 * k]);
+    values.iter().all(same).then(|| Grid::from_values(places.clone(), values.iter().map(one).collect()))
+}
+
 /// Evenly spread directions (the Fibonacci lattice).
 fn sphere(n: usize) -> Vec<Vec3> {
     let golden = std::f64::consts::TAU * 0.618_033_988_749_894_9;

@@ -86,7 +86,16 @@ impl<'a> Block<'a> {
         let n = normals;
         let terms = probes::terms_of(n);
         for (film, sum) in sums.iter_mut().enumerate() {
-            let c = &self.coefficients[self.slots.indirect(film)..][..probes::NUMBERS];
+            let c = &self.coefficients[self.slots.indirect(film)..][..self.slots.indirect_numbers()];
+            if self.slots.grey {
+                let mut e = at(&c[0], u, v);
+                for (k, term) in terms.iter().enumerate() {
+                    e = e + at(&c[k + 1], u, v) * *term;
+                }
+                let e = e.max(Eight::all(0.0));
+                *sum = *sum + Vectors { x: e, y: e, z: e };
+                continue;
+            }
             let mut e = vectors_at(c, u, v);
             for (k, term) in terms.iter().enumerate() {
                 e = e + vectors_at(&c[3 * (k + 1)..], u, v).scaled(*term);
