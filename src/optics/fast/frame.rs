@@ -127,11 +127,14 @@ impl Frame<'_> {
                 Albedo::Texture(texture) => texture.mean(),
             };
             let edge_mm = cell_px as f32 * self.once.pixel_mm;
-            for (k, (film, light)) in all.iter_mut().zip(&lights).enumerate() {
-                let grid = if lights.len() == 1 { &self.once.total } else { &self.once.tables.probes[k] };
-                let cells = Cells { size, edge_mm, cells: &cells, light, albedo };
-                let gains = cells.gains(|p, n| probes::irradiance(&grid.at(p), n));
-                bounced = self.apply(film, [k, lights.len()], &gains, size[0], cell_px);
+            let cells = Cells { size, edge_mm, cells: &cells, lights: &lights, albedo };
+            let grids = match lights.len() {
+                1 => std::slice::from_ref(&self.once.total),
+                _ => &self.once.tables.probes[..],
+            };
+            let gains = cells.gains(|film, p, n| probes::irradiance(&grids[film].at(p), n));
+            for (k, (film, gains)) in all.iter_mut().zip(&gains).enumerate() {
+                bounced = self.apply(film, [k, lights.len()], gains, size[0], cell_px);
             }
         }
         Pictures { films: all, bounced, steepness: steepness(&cells), spread: spreads.iter().sum() }
