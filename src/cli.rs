@@ -29,6 +29,7 @@ mod report;
 mod simulate;
 mod status;
 mod stop;
+mod stress;
 mod verify;
 
 use clap::{Parser, Subcommand};
@@ -69,6 +70,7 @@ enum Command {
     Relight(relight::Args),
     Protocol(protocol::Args),
     Bench(bench::Args),
+    Stress(stress::Args),
     Replay(replay::Args),
 }
 
@@ -104,6 +106,7 @@ pub fn main() -> ExitCode {
             Command::Relight(args) => args.run(),
             Command::Protocol(args) => args.run(),
             Command::Bench(args) => args.run().await,
+            Command::Stress(args) => args.run().await,
             Command::Replay(args) => args.run(),
         }
     });

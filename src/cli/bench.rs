@@ -2,14 +2,16 @@
 
 mod distribution;
 mod load;
+mod optics;
+mod optics_plot;
 mod session;
 mod stop;
 
 use super::exit::Exit;
 
-/// Measure this machine: stops, sessions
+/// Measure this machine: stops, sessions, the optics
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  twinrig bench stop\n  twinrig bench session --json")]
+#[command(after_help = "Examples:\n  twinrig bench stop\n  twinrig bench session --json\n  twinrig bench optics --out bench/optics")]
 pub struct Args {
     #[command(subcommand)]
     pub what: What,
@@ -20,6 +22,7 @@ pub struct Args {
 pub enum What {
     Stop(stop::Args),
     Session(session::Args),
+    Optics(optics::Args),
 }
 
 impl Args {
@@ -28,6 +31,7 @@ impl Args {
         match self.what {
             What::Stop(args) => args.run().await,
             What::Session(args) => args.run().await,
+            What::Optics(args) => args.run(),
         }
     }
 }

@@ -10,7 +10,7 @@ use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, with_widest};
 use super::raster::{Sample, corners};
 use super::shade::Block;
 use super::slots::{POSITION, Slots};
-use super::source::{LINES, Line};
+use super::source::{COARSE, LINES, Line};
 use super::vector::{irradiance, quadrilateral};
 use super::{Precomputed, probes};
 use crate::optics::{Albedo, Film, Mesh};
@@ -22,6 +22,8 @@ use std::f32::consts::FRAC_1_PI;
 const NODE_PX: usize = WIDTH;
 /// Horizons are followed this far below a light, as a slope, so that they can be interpolated.
 const BELOW: f32 = 0.05;
+/// A horizon that departs more from the mean of its neighbours, as a slope, is followed between them, too.
+const BENT: f32 = 0.03;
 /// Largest edge of a cell of the bounce, mm.
 const CELL_MM: f32 = 0.26;
 /// A pixel over which the ground's slope changes by more is looked at in its corners.
@@ -40,8 +42,12 @@ pub struct Effort {
     pub shadow_mm: f32,
     /// A block is divided when its middle departs from its corners' mean by more, mm.
     pub curved_mm: f32,
+    /// Whether bent horizons are followed finely.
+    pub fine: bool,
     /// Whether flanks light their surroundings.
     pub bounce: bool,
+    /// Whether nothing is skipped that a scene does not need: to measure what skipping saves.
+    pub thorough: bool,
 }
 
 /// Pictures, and what tells of their error.
@@ -255,9 +261,18 @@ impl Frame<'_> {
         let (once, slots) = (self.once, &self.slots);
         let source = &once.sources[l];
         let lines = source.seen(p, once.view.slab.as_ref());
-        let (mut hides, mut rises) = (false, false);
-        // Every other line first: the ones between only where the pad rises before one of these.
-        for k in (0..LINES).step_by(2).chain((1..LINES).step_by(2)) {
+        let (mut hides, mut rises, mut uneven) = (false, false, false);
+        let slopes = slots.horizons(l);
+        // A few lines first; the ones between only where the pad rises before one of these, and the finest only where
+        // the horizon bends.
+        let order = (0..LINES).step_by(COARSE).chain((2..LINES).step_by(COARSE)).chain((1..LINES).step_by(2));
+        for (turn, k) in order.enumerate() {
+            let coarse = turn < LINES.div_ceil(COARSE);
+            let between = |reach: usize| 0.5 * (node[slopes + k - reach] + node[slopes + k + reach]);
+            if k % 2 == 1 && rises && !uneven && !self.effort.thorough {
+                node[slopes + k] = between(1);
+                continue;
+            }
             let [low, high] = lines[k];
             let middle = (low + high).truncate() * 0.5;
             let distance = middle.length().max(1e-6);
@@ -267,15 +282,17 @@ impl Frame<'_> {
             let least = from.min(to) - BELOW;
             // A light that appears through a plate has no distance: the pad's rim ends the line of sight.
             let distance = if slots.bent() { f32::INFINITY } else { distance };
-            let horizon = match hidden && (k % 2 == 0 || rises) {
+            let horizon = match hidden && (coarse || rises || self.effort.thorough) {
                 true => self.heights.horizon(p, ahead, distance, least, from.max(to)),
                 false => least,
             };
-            node[slots.horizons(l) + k] = horizon;
+            uneven |= !coarse && k % 2 == 0 && self.effort.fine && (horizon - between(2)).abs() > BENT;
+            node[slopes + k] = horizon;
             hides |= horizon > from.min(to);
             rises |= horizon > least;
         }
-        node[slots.light(l)] = f32::from(u8::from(hides));
+        node[slots.light(l)] =
+            if hides { f32::from(1 + u8::from(uneven || self.effort.thorough)) } else { 0.0 };
         // Behind a light there is nothing to take off.
         node[slots.gain(l)] = f32::from(u8::from(source.faces(p)));
         if slots.varying() {
@@ -397,7 +414,7 @@ impl Work for Row<'_> {
                 }
             }
         }
-        let block = Block::new(&frame.slots, &frame.once.sources);
+        let block = Block::new(&frame.slots, &frame.once.sources, frame.effort.thorough);
         let sums = vec![Vectors::all(Vec3::ZERO); films];
         let (arena, waiting) = (Vec::new(), Vec::new());
         let mut desk = Desk {
@@ -488,7 +505,9 @@ impl Desk<'_> {
                 arena.split_at_mut(at)
             };
             let flag = |l: usize| self.frame.slots.light(l);
-            self.frame.fill(&inner, fresh, |l| ids.iter().any(|k| old[k * stride + flag(l)] > 0.0));
+            let thorough = self.frame.effort.thorough;
+            self.frame
+                .fill(&inner, fresh, |l| thorough || ids.iter().any(|k| old[k * stride + flag(l)] > 0.0));
             let [a, b, c, d] = ids;
             let [top, left, middle, right, bottom] = [0, 1, 2, 3, 4].map(|k| next + k);
             waiting.push(([x0, y0, mx, my], [a, top, left, middle]));
