@@ -11,7 +11,9 @@ use super::exit::Exit;
 
 /// Measure this machine: stops, sessions, the optics
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  twinrig bench stop\n  twinrig bench session --json\n  twinrig bench optics --out bench/optics")]
+#[command(
+    after_help = "Examples:\n  twinrig bench stop\n  twinrig bench session --json\n  twinrig bench optics --out bench/optics"
+)]
 pub struct Args {
     #[command(subcommand)]
     pub what: What,

@@ -35,7 +35,7 @@ const PLATE_ERROR: f64 = 0.004;
 const TUBE_ERROR: f64 = 0.016;
 /// Part of the bounce that is wrong or left out.
 const BOUNCE_ERROR: f64 = 0.35;
-/// What steep flanks add, by the rms of |n - z|^2: shadows' edges are interpolated between nodes.
+/// What steep flanks add, by the rms of |n - n0|^2 over the untouched normal n0: shadows' edges are interpolated between nodes.
 const STEEP_ERROR: f64 = 0.08;
 /// Variance of the mean of four corners, as part of their own variance: they are shared with the neighbours.
 const SPREAD_ERROR: f64 = 0.25;

@@ -56,17 +56,18 @@ pub struct Pictures {
     pub films: Vec<Film>,
     /// Sum over pixels and channels of the squares of what the bounce changed (of the last picture).
     pub bounced: f64,
-    /// Rms over the face of |n - z|^2, which tells how steep it is.
+    /// Rms over the face of |n - n0|^2, which tells how steep the press made it.
     pub steepness: f64,
     /// Sum over pixels and channels of the variances of what mixed pixels hold (of the first picture).
     pub spread: f64,
 }
 
-/// Rms of |n - z|^2 over cells.
-fn steepness(cells: &[Cell]) -> f64 {
+/// Rms of |n - n0|^2 over cells, n0 the normal of the untouched face.
+fn steepness(cells: &[Cell], rest_normal: impl Fn(Vec3) -> Vec3) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for cell in cells.iter().filter(|c| c.count > 0.0) {
-        let departure = f64::from((cell.normal.normalize_or(Vec3::Z) - Vec3::Z).length_squared());
+        let rest = rest_normal(cell.position / cell.count);
+        let departure = f64::from((cell.normal.normalize_or(rest) - rest).length_squared());
         sum += departure * departure * f64::from(cell.count);
         count += f64::from(cell.count);
     }
@@ -143,7 +144,12 @@ impl Frame<'_> {
                 bounced = self.apply(film, [k, lights.len()], gains, size[0], cell_px);
             }
         }
-        Pictures { films: all, bounced, steepness: steepness(&cells), spread: spreads.iter().sum() }
+        Pictures {
+            films: all,
+            bounced,
+            steepness: steepness(&cells, |p| self.once.total.rest_normal(p)),
+            spread: spreads.iter().sum(),
+        }
     }
 
     /// Pixels along the edge of a cell of the bounce.

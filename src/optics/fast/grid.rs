@@ -110,6 +110,17 @@ impl<const N: usize> Grid<N> {
         point.z - places.rest[at(q.y, ny) * nx + at(q.x, nx)]
     }
 
+    /// Normal of the untouched face under a point.
+    pub fn rest_normal(&self, point: Vec3) -> Vec3 {
+        let places = &self.places;
+        let [nx, ny, _] = places.nodes;
+        let q = (point.truncate() - places.low) * places.per_mm;
+        let cell = |q: f32, n: usize| (q.max(0.0) as usize).min(n - 2);
+        let at = |i: usize, j: usize| places.rest[(cell(q.y, ny) + j) * nx + cell(q.x, nx) + i];
+        let slope = Vec2::new(at(1, 0) - at(0, 0), at(0, 1) - at(0, 0)) * places.per_mm;
+        (-slope).extend(1.0).normalize()
+    }
+
     /// The numbers at a point; beyond the grid those of its border.
     #[inline(always)]
     pub fn at(&self, point: Vec3) -> [f32; N] {
