@@ -20,7 +20,9 @@ mod home;
 mod jog;
 mod move_to;
 mod options;
+mod picture_file;
 mod protocol;
+mod relight;
 mod render;
 mod replay;
 mod report;
@@ -65,6 +67,7 @@ enum Command {
     Report(report::Args),
     Emulate(emulate::Args),
     Render(render::Args),
+    Relight(relight::Args),
     Protocol(protocol::Args),
     Bench(bench::Args),
     Stress(stress::Args),
@@ -100,6 +103,7 @@ pub fn main() -> ExitCode {
             Command::Report(args) => args.run(),
             Command::Emulate(args) => args.run().await,
             Command::Render(args) => args.run(),
+            Command::Relight(args) => args.run(),
             Command::Protocol(args) => args.run(),
             Command::Bench(args) => args.run().await,
             Command::Stress(args) => args.run().await,
