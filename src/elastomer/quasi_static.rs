@@ -407,8 +407,7 @@ impl Elastomer for QuasiStaticSolver {
         let (xs, ys) = (tables(nx, grid.size[0], grid.nx), tables(ny, grid.size[1], grid.ny));
         let mut positions = Vec::with_capacity(nx * ny);
         let mut contact = Vec::with_capacity(nx * ny);
-        let [hx, hy] = self.indenter.half_extent_mm();
-        let touching = self.contacts.touching();
+        let patch = self.contacts.patch();
         for (y, j, wy) in &ys {
             for (x, i, wx) in &xs {
                 let mut p = [*x, *y, 0.0];
@@ -421,10 +420,7 @@ impl Elastomer for QuasiStaticSolver {
                     }
                 }
                 positions.push(Vec3::new(p[0] as f32, p[1] as f32, p[2] as f32));
-                // Within half a micrometre of the indenter counts as contact, where the face is loaded.
-                let q = self.pose.to_indenter(glam::DVec3::from_array(p));
-                let near = touching && q.x.abs() <= hx && q.y.abs() <= hy;
-                contact.push(near && self.indenter.distance(q) < 5e-4);
+                contact.push(patch.contains(x / grid.size[0] + 0.5, y / grid.size[1] + 0.5));
             }
         }
         let (force, torque) = self.contacts.resultant(&self.pose);
@@ -438,7 +434,7 @@ impl Elastomer for QuasiStaticSolver {
             estimated_error: self.estimated_error(),
             elastic_energy_n_mm: self.outcome.map_or(0.0, |o| o.evaluation.energy),
             base_reaction_n: self.outcome.map_or(0.0, |o| o.base_force),
-            contact_area_mm2: self.contacts.contact_area_mm2(),
+            contact_area_mm2: patch.area_mm2(),
         };
         self.newton.iterations = 0;
         self.newton.passes = 0;

@@ -570,11 +570,6 @@ impl Contacts {
         }
     }
 
-    /// Whether any point carries pressure.
-    pub fn touching(&self) -> bool {
-        self.samples.iter().any(|s| s.pressure > 0.0)
-    }
-
     /// Sum of contact forces on the pad, N, and their torque about z through the pose, N mm.
     pub fn resultant(&self, pose: &Pose) -> (DVec3, f64) {
         let mut force = DVec3::ZERO;
@@ -617,9 +612,20 @@ impl Contacts {
         if n == 0 { 0.0 } else { (sum / f64::from(n)).sqrt() }
     }
 
-    /// Area in contact, mm^2.
-    pub fn contact_area_mm2(&self) -> f64 {
-        self.samples.iter().filter(|s| s.pressure > 0.0).count() as f64 * self.area
+    /// The pressed part of the face.
+    pub fn patch(&self) -> Patch {
+        let loaded = self.samples.iter().filter(|s| s.pressure > 0.0);
+        let (sum, n) = loaded.fold((0.0, 0), |(sum, n), s| (sum + s.pressure, n + 1));
+        let mean = sum / f64::from(n.max(1));
+        let per_axis = self.per_axis;
+        let cells = [self.cx - 2, self.plane / self.cx - 2];
+        let (nx, ny) = (cells[0] * per_axis, cells[1] * per_axis);
+        let mut sign = vec![-OUTSIDE; nx * ny];
+        for s in self.samples.iter().filter(|_| mean > 0.0) {
+            let (i, j) = (s.cell[0] * per_axis + s.sub % per_axis, s.cell[1] * per_axis + s.sub / per_axis);
+            sign[j * nx + i] = ((s.multiplier - self.stiffness * s.gap) / mean).clamp(-OUTSIDE, 1.0);
+        }
+        Patch { nx, ny, sign, area_mm2: self.area, touches: n > 0 }
     }
 
     /// Rest positions of the points that carry pressure.
@@ -627,6 +633,52 @@ impl Contacts {
         self.samples.iter().filter(|s| s.pressure > 0.0).map(|s| s.rest)
     }
 }
+
+/// Where the face is pressed, between the sample points, too.
+#[derive(Debug)]
+pub struct Patch {
+    nx: usize,
+    ny: usize,
+    /// Positive where the face is pressed; at most 1 in size.
+    sign: Vec<f64>,
+    /// Area of a sample, mm^2.
+    area_mm2: f64,
+    touches: bool,
+}
+
+impl Patch {
+    /// Whether the face is pressed at a place given as parts of its sides, 0 to 1.
+    pub fn contains(&self, x: f64, y: f64) -> bool {
+        if !self.touches {
+            return false;
+        }
+        let at = |t: f64, n: usize| {
+            let s = (t * n as f64 - 0.5).clamp(0.0, (n - 1) as f64);
+            let i = (s as usize).min(n - 2);
+            (i, s - i as f64)
+        };
+        let ((i, a), (j, b)) = (at(x, self.nx), at(y, self.ny));
+        let row = |j: usize| (1.0 - a) * self.sign[j * self.nx + i] + a * self.sign[j * self.nx + i + 1];
+        (1.0 - b) * row(j) + b * row(j + 1) > 0.0
+    }
+
+    /// Its area at rest, mm^2.
+    pub fn area_mm2(&self) -> f64 {
+        let (nx, ny) = (FINER * self.nx, FINER * self.ny);
+        let middle = |i: usize, n: usize| (i as f64 + 0.5) / n as f64;
+        let pressed = (0..ny)
+            .flat_map(|j| (0..nx).map(move |i| (i, j)))
+            .filter(|(i, j)| self.contains(middle(*i, nx), middle(*j, ny)));
+        pressed.count() as f64 * self.area_mm2 / (FINER * FINER) as f64
+    }
+}
+
+/// What a sample off the indenter counts against the mean pressure where the edge of the contact is sought
+/// between it and a loaded one. Found by experiment: the contact radius of a sphere, cells of 0.4 mm, is then
+/// within 2 % of finite elements.
+const OUTSIDE: f64 = 0.3;
+/// Steps from sample to sample with which the area is measured.
+const FINER: usize = 4;
 
 fn add_outer(m: &mut [f64; 6], v: DVec3, k: f64) {
     for (m, p) in m.iter_mut().zip([v.x * v.x, v.y * v.y, v.z * v.z, v.x * v.y, v.x * v.z, v.y * v.z]) {
