@@ -17,7 +17,7 @@ def main(folder: str) -> None:
         assert split.num_rows > 0, f"split {name} is empty"
         rows += split.num_rows
         row = split[0]
-        sides = [column for column in ("real", "sim") if column in split.column_names]
+        sides = [column for column in ("real", "sim") if row.get(column) is not None]
         assert sides, "there is neither a real nor a simulated side"
         for column in sides:
             assert row[column].mode == "RGB", f"{column} has mode {row[column].mode}"
