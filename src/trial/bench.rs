@@ -55,7 +55,7 @@ pub struct Report {
 }
 
 /// One thing to measure.
-type Stage = (String, Box<dyn FnOnce(&mut Report) -> Result<(), Error>>);
+type Stage = (String, Box<dyn FnOnce(&mut Report) -> Result<(), Error> + Send>);
 
 /// Measures everything; `progress` hears how many of how many stages are done and what comes next.
 ///
@@ -79,7 +79,8 @@ pub fn run(effort: Effort, mut progress: impl FnMut(usize, usize, &str)) -> Resu
     let total = stages.len();
     for (done, (name, stage)) in stages.into_iter().enumerate() {
         progress(done, total, &name);
-        stage(&mut report)?;
+        // On a thread of the pool: from outside, every parallel loop would wait to be woken twice.
+        rayon::scope(|_| stage(&mut report))?;
     }
     progress(total, total, "");
     Ok(report)

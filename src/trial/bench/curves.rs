@@ -75,7 +75,7 @@ pub(super) fn plan(effort: Effort, stages: &mut Vec<Stage>) {
         Effort::Quick => &[4, 10, 20],
         Effort::Full => &[4, 8, 10, 20, 40],
     };
-    let mut add = |name: String, stage: Box<dyn FnOnce(&mut Curves) -> Result<(), Error>>| {
+    let mut add = |name: String, stage: Box<dyn FnOnce(&mut Curves) -> Result<(), Error> + Send>| {
         stages.push((name, Box::new(move |report: &mut super::Report| stage(&mut report.curves))));
     };
     add("truth of the curves".into(), Box::new(move |curves| find_truth(curves, truth)));
