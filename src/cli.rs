@@ -24,6 +24,7 @@ mod protocol;
 mod render;
 mod replay;
 mod report;
+mod sessions;
 mod simulate;
 mod status;
 mod stop;
