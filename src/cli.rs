@@ -20,7 +20,9 @@ mod home;
 mod jog;
 mod move_to;
 mod options;
+mod picture_file;
 mod protocol;
+mod relight;
 mod render;
 mod replay;
 mod report;
@@ -28,6 +30,7 @@ mod sessions;
 mod simulate;
 mod status;
 mod stop;
+mod stress;
 mod verify;
 
 use clap::{Parser, Subcommand};
@@ -65,8 +68,10 @@ enum Command {
     Report(report::Args),
     Emulate(emulate::Args),
     Render(render::Args),
+    Relight(relight::Args),
     Protocol(protocol::Args),
     Bench(bench::Args),
+    Stress(stress::Args),
     Replay(replay::Args),
 }
 
@@ -99,8 +104,10 @@ pub fn main() -> ExitCode {
             Command::Report(args) => args.run(),
             Command::Emulate(args) => args.run().await,
             Command::Render(args) => args.run(),
+            Command::Relight(args) => args.run(),
             Command::Protocol(args) => args.run(),
             Command::Bench(args) => args.run().await,
+            Command::Stress(args) => args.run().await,
             Command::Replay(args) => args.run(),
         }
     });

@@ -18,6 +18,8 @@
 
 pub mod accel;
 pub mod basis;
+pub mod basis_folder;
+pub mod bench;
 pub mod bench_scene;
 pub mod bsdf;
 pub mod camera;
@@ -39,8 +41,10 @@ pub mod scene;
 pub mod sensor;
 pub mod sensor_scene;
 pub mod store;
+pub mod stress;
 pub mod surface;
 pub mod texture;
+pub mod trial;
 
 pub use basis::LightBasis;
 pub use camera::Camera;

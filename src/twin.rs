@@ -75,14 +75,4 @@ impl Twin {
     pub fn lattice_for_pictures(&self) -> [usize; 2] {
         self.model.settings.surface
     }
-
-    /// Name of the optics mode, for the record.
-    pub fn optics_mode(&self) -> String {
-        self.view.mode_name().into()
-    }
-
-    /// Samples per pixel, where that is what was chosen.
-    pub fn samples(&self) -> Option<u32> {
-        self.view.samples()
-    }
 }

@@ -2,15 +2,17 @@
 //!
 //! The result is linear RGB float32 [h][w][3], row 0 on top. `--size` changes the camera's raster only, never
 //! the mesh. `--repeat N` renders N times and `--json` prints the seconds of what is done once and of each
-//! frame, so that cost can be compared with error.
+//! frame, so that cost can be compared with error. A frame's seconds fall into what makes the changed pad ready (its
+//! tree or heights; as long for any number of samples) and the light itself. `--basis FOLDER` renders one picture a
+//! light, whose colours [`relight`](super::relight) changes without rendering.
 
 use super::exit::Exit;
-use super::screen;
-use crate::image::{Picture, png};
+use super::{picture_file, screen};
 use crate::optics::Error;
+use crate::optics::basis_folder;
 use crate::optics::bench_scene::Variant;
 use crate::optics::imager::Notice;
-use crate::optics::render_file::{Mode, Request, Times, render_file};
+use crate::optics::render_file::{Mode, Rendered, Request, Times, render_file};
 use std::path::PathBuf;
 
 /// Render a benchmark scene to linear RGB
@@ -43,8 +45,11 @@ pub struct Args {
     #[arg(long, default_value_t = 0)]
     pub seed: u32,
     /// Where to write the picture (.npy, or .png for a look)
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = picture_file::parse)]
     pub out: PathBuf,
+    /// Render one picture a light and write them here; the picture is then made of them
+    #[arg(long, value_name = "FOLDER")]
+    pub basis: Option<PathBuf>,
     /// Print one JSON document with the seconds
     #[arg(long)]
     pub json: bool,
@@ -74,10 +79,12 @@ impl Args {
         }
         let ([width, height], frames) = (times.size, times.per_frame_s.len());
         screen::result(format_args!(
-            "{}: {width} x {height}, {:.3} s once, {:.3} s a frame (best of {frames}){}",
+            "{}: {width} x {height}, {:.3} s once, {:.3} s a frame (best of {frames}; {:.3} s of it before any light){}{}",
             self.out.display(),
             times.one_off_s,
             times.best_frame_s,
+            times.best_structure_s,
+            times.best_recolour_s.map_or_else(String::new, |s| format!(", {:.2} ms to recolour", 1e3 * s)),
             times.estimated_error.map_or_else(String::new, |e| format!(", relRMSE about {:.2} %", 100.0 * e)),
         ));
         Exit::Done
@@ -92,28 +99,17 @@ impl Args {
             size: self.size.as_deref().map(raster).transpose()?,
             repeat: self.repeat,
             seed: self.seed,
+            basis: self.basis.is_some(),
             store: crate::assemble::cache::optics_store(),
         };
-        let (film, times) = render_file(&self.scene, &request)?;
-        if self.out.extension().is_some_and(|e| e == "png") {
-            let failed = |reason: String| Error::File {
-                action: "write",
-                path: self.out.display().to_string(),
-                reason,
-            };
-            let rgb = film.to_srgb8(PREVIEW_EXPOSURE);
-            let picture = Picture { width: film.width as u32, height: film.height as u32, rgb };
-            let bytes = png::encode(&picture).map_err(|e| failed(e.to_string()))?;
-            std::fs::write(&self.out, bytes).map_err(|e| failed(e.to_string()))?;
-        } else {
-            film.write_npy(&self.out)?;
+        let Rendered { picture, basis, times } = render_file(&self.scene, &request)?;
+        picture_file::write(&self.out, &picture)?;
+        if let (Some(folder), Some(basis)) = (&self.basis, &basis) {
+            basis_folder::write(folder, basis, &times.radiances)?;
         }
         Ok(times)
     }
 }
-
-/// Exposure of a picture for a look: that of the benchmark scene's 8-bit metric.
-const PREVIEW_EXPOSURE: f32 = 0.573_248_4;
 
 fn raster(size: &str) -> Result<[usize; 2], Error> {
     let parsed = size.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));

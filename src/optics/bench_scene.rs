@@ -23,6 +23,17 @@ pub enum Variant {
     B,
 }
 
+impl Variant {
+    /// Its name in the format.
+    pub fn name(self) -> &'static str {
+        match self {
+            Variant::Ac => "Ac",
+            Variant::At => "At",
+            Variant::B => "B",
+        }
+    }
+}
+
 impl std::str::FromStr for Variant {
     type Err = Error;
 

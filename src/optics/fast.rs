@@ -15,6 +15,7 @@
 //! [imager](super::imager) falls back to the reference mode, which renders all of them.
 
 mod bounce;
+mod estimate;
 mod frame;
 mod grid;
 mod horizon;
@@ -79,6 +80,8 @@ pub struct Precomputed {
     tables: Tables,
     /// Indirect light of all lights together.
     total: Grid<{ probes::NUMBERS }>,
+    /// Indirect light by light in one number for three colours, where nothing in the sensor has a colour.
+    greys: Option<Vec<Grid<{ probes::TERMS }>>>,
     /// What of the fixed parts shows, of all lights together, by corner.
     fixed_total: Vec<Vec3>,
     /// What a plate mirrors into each pixel, and the part of the pad's light that it lets through; empty without one.
@@ -206,6 +209,7 @@ impl Precomputed {
             fixed_scene: without_pad_mesh(untouched),
             grain: view.camera.width / untouched.camera.width,
             total: probes::total(&tables.probes, &radiances),
+            greys: tables.probes.iter().map(probes::grey).collect(),
             view,
             sources,
             radiances,
@@ -215,6 +219,33 @@ impl Precomputed {
             transmitted,
             pixel_mm,
         }
+    }
+
+    /// The same sensor with lights of other radiances, one a light: what was worked out holds for all.
+    ///
+    /// # Errors
+    /// When there is not one radiance for each light.
+    pub fn with_radiances(&self, radiances: &[Vec3]) -> Result<Self, Error> {
+        let lights = self.fixed_scene.lights.len();
+        if radiances.len() != lights {
+            return Err(Error::Setting {
+                key: "lights",
+                value: format!("{} radiances", radiances.len()),
+                why: format!("the sensor has {lights} lights; give one radiance each"),
+            });
+        }
+        Ok(self.lit_by(radiances))
+    }
+
+    /// All lights of radiance 1.
+    fn white(&self) -> Self {
+        self.lit_by(&vec![Vec3::ONE; self.radiances.len()])
+    }
+
+    fn lit_by(&self, radiances: &[Vec3]) -> Self {
+        let mut scene = self.fixed_scene.clone();
+        scene.lights.iter_mut().zip(radiances).for_each(|(light, radiance)| light.radiance = *radiance);
+        Self::assemble(&scene, self.view.clone(), self.sources.clone(), self.tables.clone())
     }
 
     /// The value of the fixed part that a corner of a pixel sees.
@@ -296,8 +327,17 @@ impl<'a> Renderer<'a> {
             // The full check names the vertex.
             pad.mesh.check(&pad.name)?;
         }
+        let lift = p.iter().step_by(1 + p.len() / 4096).map(|p| once.total.lift(*p));
+        let [low, high] = lift.fold([0.0f32; 2], |[l, h], lift| [l.min(lift), h.max(lift)]);
+        if low < 2.0 * DIRECT_LIFT_MM[0] || high > DIRECT_LIFT_MM[1] {
+            let value = format!("{low} to {high} mm above its untouched face");
+            return Err(unsupported("pad", &value, "pads that move by -1.5 to 3 mm"));
+        }
         let spacing = (p[1] - p[0]).length().max((p[lattice[0]] - p[0]).length());
-        let effort = Effort::for_tolerance(tolerance);
+        let mut effort = Effort::for_tolerance(tolerance);
+        // Without interreflection there is no bounce to look for.
+        let dark = matches!(albedo, Albedo::Constant(a) if *a == Vec3::ZERO);
+        effort.bounce = scene.max_events > 1 && !dark;
         Ok(Self {
             once,
             mesh: pad.mesh.clone(),
@@ -306,6 +346,13 @@ impl<'a> Renderer<'a> {
             heights: Heights::new(p, lattice, (effort.cell * spacing).clamp(0.03, 0.2)),
             effort,
         })
+    }
+
+    /// Does what this scene does not need as well: shadow tests where no light can be hidden, the bounce where nothing
+    /// reflects. For measuring what leaving it out saves.
+    pub fn thorough(mut self) -> Self {
+        (self.effort.thorough, self.effort.bounce) = (true, true);
+        self
     }
 
     /// The vertices in a raster of pixels.
@@ -356,32 +403,36 @@ impl<'a> Renderer<'a> {
     pub fn basis(&self) -> LightBasis {
         let names = self.once.fixed_scene.lights.iter().map(|l| l.name.clone()).collect();
         let n = self.once.sources.len();
-        let mut films = self.pictures(n).films;
-        if n == 1 {
-            // A single picture is lit by the light's own radiance.
-            let radiance = self.once.radiances[0].max(Vec3::splat(1e-30));
-            films[0].pixels.iter_mut().for_each(|p| *p /= radiance);
-        }
+        let films = match n {
+            // A single picture is one of all lights together: here of a white one.
+            1 => self.pictures_of(&self.once.white(), 1).films,
+            _ => self.pictures(n).films,
+        };
         LightBasis { names, films }
     }
 
     fn pictures(&self, films: usize) -> frame::Pictures {
-        let [columns, rows] = self.once.view.corners();
+        self.pictures_of(self.once, films)
+    }
+
+    fn pictures_of(&self, once: &Precomputed, films: usize) -> frame::Pictures {
+        let [columns, rows] = once.view.corners();
         let vertices = self.projected();
         let seen = Projected { lattice: self.lattice, vertices: &vertices, offset: 0.0 }.draw(columns, rows);
-        let varying = self.once.sources.iter().any(|s| !s.is_fixed());
+        let varying = once.sources.iter().any(|s| !s.is_fixed());
+        let grey = films > 1 && once.greys.is_some();
         let frame = Frame {
-            once: self.once,
+            once,
             mesh: &self.mesh,
             nx: self.lattice[0],
             albedo: &self.albedo,
             heights: &self.heights,
             seen: &seen,
             effort: self.effort,
-            slots: Slots::new(self.once.sources.len(), films, varying, self.once.view.slab.is_some()),
+            slots: Slots::new(once.sources.len(), films, varying, once.view.slab.is_some(), grey),
         };
         let mut pictures = frame.render();
-        let grain = self.once.grain;
+        let grain = once.grain;
         if grain > 1 {
             pictures.films.iter_mut().for_each(|film| *film = shrunk(film, grain));
             // Errors of neighbours average out over a pixel, changes do not.
@@ -389,51 +440,6 @@ impl<'a> Renderer<'a> {
             pictures.bounced /= (grain * grain) as f64;
         }
         pictures
-    }
-}
-
-impl Effort {
-    /// What it takes (found by experiment on the scenes of the tests).
-    fn for_tolerance(tolerance: f64) -> Self {
-        if tolerance >= 0.009 {
-            Self { cell: 2.0, block_mm: 0.26, shadow_mm: 0.26, curved_mm: 0.04, bounce: true }
-        } else if tolerance >= 0.004 {
-            Self { cell: 1.1, block_mm: 0.26, shadow_mm: 0.13, curved_mm: 0.02, bounce: true }
-        } else {
-            Self { cell: 1.1, block_mm: 0.13, shadow_mm: 0.07, curved_mm: 0.01, bounce: true }
-        }
-    }
-}
-
-/// Error of a pad of one colour, and of a textured one, without anything of what follows.
-const BASE_ERROR: [f64; 2] = [0.002, 0.004];
-/// What a plate adds: its light is solved by fewer rays than it takes.
-const PLATE_ERROR: f64 = 0.004;
-/// What a tube adds: the wall behind it is lit more unevenly than patches resolve.
-const TUBE_ERROR: f64 = 0.016;
-/// Part of the bounce that is wrong or left out.
-const BOUNCE_ERROR: f64 = 0.35;
-/// What steep flanks add, by the rms of |n - z|^2: shadows' edges are interpolated between nodes.
-const STEEP_ERROR: f64 = 0.08;
-/// Variance of the mean of four corners, as part of their own variance: they are shared with the neighbours.
-const SPREAD_ERROR: f64 = 0.25;
-
-impl Renderer<'_> {
-    /// What relRMSE to expect. It follows from the picture itself: the light that flanks send each other is worked out with
-    /// one bounce on a coarse raster, and a part of what that changed is taken for its error; pixels over creases are
-    /// means of four corners, and their variance tells the error of the mean. The constants were found by comparing
-    /// with the reference (see the tests).
-    fn estimated_error(&self, pictures: &frame::Pictures) -> f64 {
-        let film = &pictures.films[0];
-        let n = (film.pixels.len() * 3) as f64;
-        let mean = f64::from(film.mean().element_sum() / 3.0).max(1e-30);
-        let bounce = BOUNCE_ERROR * (pictures.bounced / n).sqrt() / mean;
-        let spread = (SPREAD_ERROR * pictures.spread / n).sqrt() / mean;
-        let base = BASE_ERROR[usize::from(matches!(self.albedo, Albedo::Texture(_)))];
-        let steep = STEEP_ERROR * pictures.steepness;
-        let plate = if self.once.view.slab.is_some() { PLATE_ERROR } else { 0.0 };
-        let tube = if self.once.sources.iter().any(Source::is_tube) { TUBE_ERROR } else { 0.0 };
-        [base, bounce, spread, steep, plate, tube].iter().map(|e| e * e).sum::<f64>().sqrt()
     }
 }
 
@@ -744,6 +750,30 @@ mod tests {
             let (a, b) = (a.unwrap(), b.unwrap());
             assert!((a.point - b.point).length() < 1e-3 && (a.uv - b.uv).length() < 1e-4, "{a:?} {b:?}");
         }
+    }
+
+    #[test]
+    fn what_is_skipped_changes_nothing_and_other_colours_need_nothing_anew() {
+        let scene = scene(bench_scene::Variant::Ac, sphere);
+        let renderer = || Renderer::new(&ONCE, &scene, 0.005).unwrap();
+        let film = renderer().render();
+        let error = renderer().thorough().render().relative_rmse(&film);
+        assert!(error < 1e-3, "{error}");
+        let mut other = scene.clone();
+        other.lights.iter_mut().for_each(|l| l.radiance = Vec3::new(l.radiance.y, 0.0, 3.0));
+        let radiances: Vec<Vec3> = other.lights.iter().map(|l| l.radiance).collect();
+        let once = ONCE.with_radiances(&radiances).unwrap();
+        let recoloured = Renderer::new(&once, &other, 0.005).unwrap().render();
+        assert!(renderer().basis().combine(&radiances).relative_rmse(&recoloured) < 1e-3);
+        assert!(ONCE.with_radiances(&radiances[1..]).is_err());
+        // Without a second event nothing bounces.
+        let mut single = flat(&scene);
+        single.max_events = 1;
+        let once = Precomputed::new(&single).unwrap();
+        single.surfaces = scene.surfaces.clone();
+        let film = Renderer::new(&once, &single, 0.005).unwrap().render();
+        let (error, _) = against_reference(&single, &film);
+        assert!(error < 0.006, "{error}");
     }
 
     #[test]

@@ -40,6 +40,24 @@ pub enum Method {
     },
 }
 
+impl Method {
+    /// Its name in files and records.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Method::Reference(_) => "reference",
+            Method::Fast { .. } => "fast",
+        }
+    }
+
+    /// Samples a pixel, where that is what is chosen.
+    pub fn samples(&self) -> Option<u32> {
+        match self {
+            Method::Reference(settings) => Some(settings.samples),
+            Method::Fast { .. } => None,
+        }
+    }
+}
+
 impl From<reference::Settings> for Method {
     fn from(settings: reference::Settings) -> Self {
         Method::Reference(settings)
@@ -200,6 +218,14 @@ impl Imager {
             None => 1.0,
         };
         Ok(imager)
+    }
+
+    /// How light is truly rendered: after a fall back that is not what was asked for.
+    pub fn method(&self) -> Method {
+        match &self.engine {
+            Engine::Reference(settings) => Method::Reference(*settings),
+            Engine::Fast(_, tolerance) => Method::Fast { tolerance: *tolerance },
+        }
     }
 
     /// What holds for all pictures.
@@ -426,6 +452,11 @@ mod tests {
         let [Notice::FellBack { why, .. }] = imager.notices() else { panic!("no notice") };
         assert!(why.contains("diffuse"), "{why}");
         assert_eq!(imager.picture(&rest, 0).unwrap().estimated_error, None);
+        // What a record is told is what was truly done.
+        assert_eq!(
+            (imager.method().name(), imager.method().samples()),
+            ("reference", Some(FALLBACK_SAMPLES))
+        );
     }
 
     #[test]
@@ -442,6 +473,45 @@ mod tests {
         assert!((mean / picture.rgb.len() as f64 - 0.35).abs() < 0.02);
     }
 
+    fn dome() -> DisplacedSurface {
+        DisplacedSurface::resting(65, 65, [16.0, 16.0], |x, y| (400.0 - x * x - y * y).sqrt() - 20.0)
+    }
+
+    /// Relighting by ratio and printed markers on a pad that is not flat, in both modes.
+    #[test]
+    fn an_untouched_dome_shows_its_image_and_what_is_printed_on_it_rides_along() {
+        let sensor = small_sensor(TextureMode::Ratio);
+        let rest = dome();
+        let rgb = dusty();
+        let background = Background { width: 48, height: 36, rgb: &rgb };
+        let reference = Method::Reference(reference::Settings { samples: 4, seed: 2 });
+        for method in [reference, Method::Fast { tolerance: 0.005 }] {
+            let imager = Imager::new(&sensor, method, Some(background), &rest).unwrap();
+            assert_eq!(imager.picture(&rest, 0).unwrap().rgb, rgb, "{}", method.name());
+            let mut touched = rest.clone();
+            touched.positions.iter_mut().for_each(|p| p.z -= 0.8 * (-(p.x * p.x + p.y * p.y) / 2.0).exp());
+            assert_ne!(imager.picture(&touched, 0).unwrap().rgb, rgb);
+        }
+        // A point of the face looks the same in the picture wherever it went: a dark dot off the apex is dragged along.
+        let mark = Vec3::new(3.0, 2.0, (400.0f32 - 13.0).sqrt() - 20.0);
+        let at = texture_coordinate(&sensor, mark) * Vec2::new(48.0, 36.0);
+        let dotted: Vec<u8> = (0..48 * 36)
+            .flat_map(|k| {
+                let far = (Vec2::new((k % 48) as f32 + 0.5, (k / 48) as f32 + 0.5) - at).length();
+                [if far < 1.5 { 40 } else { 180 }; 3]
+            })
+            .collect();
+        let imager =
+            Imager::new(&sensor, reference, Some(Background { rgb: &dotted, ..background }), &rest).unwrap();
+        let mut dragged = rest.clone();
+        dragged.positions.iter_mut().for_each(|p| p.x += 1.0);
+        let moved = imager.picture(&dragged, 0).unwrap();
+        let darkest = (0..48 * 36).min_by_key(|&k| moved.rgb[3 * k + 1]).unwrap();
+        let now = texture_coordinate(&sensor, mark + Vec3::X) * Vec2::new(48.0, 36.0);
+        let found = Vec2::new((darkest % 48) as f32 + 0.5, (darkest / 48) as f32 + 0.5);
+        assert!((found - now).length() < 1.6, "{found} {now} {at}");
+    }
+
     #[test]
     fn a_pixel_of_the_untouched_picture_is_its_own_texture_coordinate() {
         let sensor = small_sensor(TextureMode::Ratio);
@@ -451,7 +521,7 @@ mod tests {
             let sight = sight.unwrap();
             let centre = Vec2::new((k % 48) as f32 + 0.5, (k / 48) as f32 + 0.5) / Vec2::new(48.0, 36.0);
             assert!((sight.uv - centre).length() < 1e-5);
-            assert!((texture_coordinate(&sensor, sight.point.x, sight.point.y) - centre).length() < 1e-5);
+            assert!((texture_coordinate(&sensor, sight.point) - centre).length() < 1e-5);
         }
     }
 }

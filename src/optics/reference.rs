@@ -11,7 +11,7 @@ mod path;
 mod plate;
 mod prepared;
 
-use super::{Error, Film, Scene, bsdf::Lobe, bsdf::refract, sampler::Sampler, to_pad};
+use super::{Error, Film, LightBasis, Scene, bsdf::Lobe, bsdf::refract, sampler::Sampler, to_pad};
 use glam::{DVec3, Vec3};
 use path::Path;
 use prepared::Prepared;
@@ -68,6 +68,12 @@ impl Renderer {
     /// followed once, so all of them cost little more than one picture.
     pub fn render_lights(&self, settings: &Settings) -> Vec<Film> {
         self.render_sum(settings, self.prepared.emitters.len(), |light| light)
+    }
+
+    /// [`Renderer::render_lights`] with the lights' names. The scene's lights must be of radiance 1.
+    pub fn basis(&self, settings: &Settings) -> LightBasis {
+        let names = self.prepared.names.clone();
+        LightBasis { names, films: self.render_lights(settings) }
     }
 
     /// What the centre of each pixel sees of the pad's face, row 0 on top: through plates as Snell's law leads

@@ -2,7 +2,8 @@
 
 use super::bench_scene::{self, Variant};
 use super::store::Store;
-use super::{Error, Film, Role, Scene, fast, reference};
+use super::{Error, Film, LightBasis, Role, Scene, fast, reference};
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
@@ -35,6 +36,8 @@ pub struct Request {
     pub repeat: u32,
     /// Seed of the random numbers.
     pub seed: u32,
+    /// Whether to render one picture a light; the picture is then made of them.
+    pub basis: bool,
     /// Where the fast mode keeps what it prepares.
     pub store: Option<Store>,
 }
@@ -54,17 +57,38 @@ pub struct Times {
     pub per_frame_s: Vec<f64>,
     /// The shortest of them.
     pub best_frame_s: f64,
+    /// The part of a frame that makes the changed pad ready (its tree, its heights), at best; more samples do not
+    /// lengthen it.
+    pub best_structure_s: f64,
+    /// The part that works out light, at best.
+    pub best_light_s: f64,
+    /// From one picture a light to the picture in the scene's colours, at best (with a basis).
+    pub best_recolour_s: Option<f64>,
+    /// The scene's lights, linear.
+    #[serde(skip)]
+    pub radiances: Vec<Vec3>,
     /// Whether what is needed once was there from an earlier run.
     pub prepared_before: bool,
     /// relRMSE to expect (fast mode).
     pub estimated_error: Option<f64>,
 }
 
+/// What was rendered.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rendered {
+    /// The picture.
+    pub picture: Film,
+    /// One picture a light of radiance 1, where asked for.
+    pub basis: Option<LightBasis>,
+    /// How long it took.
+    pub times: Times,
+}
+
 /// Renders the frame `repeat` times and returns the last picture.
 ///
 /// # Errors
 /// When the file is no scene, a part of it cannot be rendered, or not in this mode.
-pub fn render_file(path: &Path, request: &Request) -> Result<(Film, Times), Error> {
+pub fn render_file(path: &Path, request: &Request) -> Result<Rendered, Error> {
     let start = Instant::now();
     let mut scene = bench_scene::load(path, request.variant)?;
     if let Some([width, height]) = request.size {
@@ -81,18 +105,45 @@ pub fn render_file(path: &Path, request: &Request) -> Result<(Film, Times), Erro
     let prepared_before = once.as_ref().is_some_and(|(_, before)| *before);
     let one_off_s = start.elapsed().as_secs_f64();
     let settings = reference::Settings { samples: request.samples, seed: request.seed };
-    let mut per_frame_s = Vec::new();
-    let (mut picture, mut estimated_error) = (Film::new(0, 0), None);
+    let radiances: Vec<Vec3> = scene.lights.iter().map(|l| l.radiance).collect();
+    // Paths do not depend on colours, but on which lights shine: a basis is rendered of white ones.
+    let traced = if request.basis && once.is_none() { white(&scene) } else { scene.clone() };
+    let (mut per_frame_s, mut best) = (Vec::new(), [f64::INFINITY; 3]);
+    let (mut picture, mut basis, mut estimated_error) = (Film::new(0, 0), None, None);
+    let shorter = |best: &mut f64, start: Instant| *best = best.min(start.elapsed().as_secs_f64());
     for _ in 0..request.repeat.max(1) {
         let start = Instant::now();
-        (picture, estimated_error) = match &once {
-            None => (reference::Renderer::new(&scene)?.render(&settings), None),
-            Some((once, _)) => {
-                let (film, error) = fast::Renderer::new(once, &scene, request.tolerance)?.render_with_error();
-                (film, Some(error))
+        match &once {
+            None => {
+                let renderer = reference::Renderer::new(&traced)?;
+                shorter(&mut best[0], start);
+                let start = Instant::now();
+                match request.basis {
+                    true => basis = Some(renderer.basis(&settings)),
+                    false => picture = renderer.render(&settings),
+                }
+                shorter(&mut best[1], start);
             }
-        };
+            Some((once, _)) => {
+                let renderer = fast::Renderer::new(once, &scene, request.tolerance)?;
+                shorter(&mut best[0], start);
+                let start = Instant::now();
+                match request.basis {
+                    true => basis = Some(renderer.basis()),
+                    false => {
+                        let (film, error) = renderer.render_with_error();
+                        (picture, estimated_error) = (film, Some(error));
+                    }
+                }
+                shorter(&mut best[1], start);
+            }
+        }
         per_frame_s.push(start.elapsed().as_secs_f64());
+        if let Some(basis) = &basis {
+            let start = Instant::now();
+            picture = basis.combine(&radiances);
+            shorter(&mut best[2], start);
+        }
     }
     let best_frame_s = per_frame_s.iter().copied().fold(f64::INFINITY, f64::min);
     let size = [picture.width, picture.height];
@@ -103,10 +154,21 @@ pub fn render_file(path: &Path, request: &Request) -> Result<(Film, Times), Erro
         one_off_s,
         per_frame_s,
         best_frame_s,
+        best_structure_s: best[0],
+        best_light_s: best[1],
+        best_recolour_s: basis.as_ref().map(|_| best[2]),
+        radiances,
         prepared_before,
         estimated_error,
     };
-    Ok((picture, times))
+    Ok(Rendered { picture, basis, times })
+}
+
+/// The same scene with every light of radiance 1.
+fn white(scene: &Scene) -> Scene {
+    let mut white = scene.clone();
+    white.lights.iter_mut().for_each(|light| light.radiance = Vec3::ONE);
+    white
 }
 
 /// The scene before the press: the format's pads are flat at height 0.

@@ -78,6 +78,27 @@ impl Scene {
                 return fault(&light.name, format!("its albedo is {}", light.albedo), "use 0 to below 1");
             }
         }
+        let heights = |role: Role| {
+            let all = self.surfaces.iter().filter(move |s| s.role == role).flat_map(|s| &s.mesh.positions);
+            all.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], p| [low.min(p.z), high.max(p.z)])
+        };
+        let ([_, pad], [plate, _]) = (heights(Role::Pad), heights(Role::Plate));
+        if pad >= plate {
+            return fault(
+                "the pad",
+                format!("it reaches up to z = {pad} mm, into the plate that begins at {plate} mm"),
+                "press less deep, or give the plate a larger gap",
+            );
+        }
+        let white = |s: &Surface| matches!(s.material, Material::Lambert { albedo: super::Albedo::Constant(a) } if a.max_element() >= 1.0);
+        let solid = |s: &&Surface| s.role != Role::Plate;
+        if self.surface(Role::Housing).is_some() && self.surfaces.iter().filter(solid).all(white) {
+            return fault(
+                "the housing",
+                "pad and walls all reflect everything, so light never leaves".to_owned(),
+                "give one of them an albedo below 1",
+            );
+        }
         let camera = &self.camera;
         if camera.width == 0 || camera.height == 0 {
             return fault(

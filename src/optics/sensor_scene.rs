@@ -19,7 +19,7 @@ pub fn scene(
     surface: &DisplacedSurface,
     texture: Option<&Texture>,
 ) -> Result<Scene, Error> {
-    let mesh = surface.mesh(|x, y| texture_coordinate(sensor, x, y))?;
+    let mesh = surface.mesh(|p| texture_coordinate(sensor, p))?;
     let albedo = match (sensor.texture, texture) {
         (TextureMode::Lit, Some(texture)) => Albedo::Texture(Arc::new(texture.clone())),
         _ => Albedo::grey(sensor.coating.albedo as f32),
@@ -80,19 +80,22 @@ pub fn face(sensor: &SensorOptics, surface: &DisplacedSurface) -> DisplacedSurfa
     surface.resampled(nx, ny).with_depth_noise(sensor.mesh.depth_noise_mm, sensor.mesh.depth_noise_seed)
 }
 
-/// Where a point of the undeformed face lies in the image of the untouched sensor, (0, 0) the upper left corner.
-pub fn texture_coordinate(sensor: &SensorOptics, x_mm: f32, y_mm: f32) -> Vec2 {
+/// Where a point of the undeformed face, pad frame, mm, lies in the image of the untouched sensor, (0, 0) the upper left
+/// corner (the lens' distortion apart). Points of a dome are seen under their own depth.
+pub fn texture_coordinate(sensor: &SensorOptics, point: Vec3) -> Vec2 {
     let [w, h] = sensor.view_mm().map(|v| v as f32);
     let [cx, cy] = sensor.camera.center_mm.map(|v| v as f32);
-    Vec2::new((x_mm - cx) / w + 0.5, (y_mm - cy) / h + 0.5)
+    // As it would stand on the plane through the apex, for which `mm_per_px` holds.
+    let distance = apparent_distance(sensor) as f32;
+    let scale = distance / (distance + point.z).max(1e-3);
+    Vec2::new((point.x - cx) * scale / w + 0.5, (point.y - cy) * scale / h + 0.5)
 }
 
 /// The camera of the description. Behind a plate the face seems nearer by t (1 - 1/n) (paraxially), so the field
 /// of view is that much wider and `mm_per_px` still holds on the face.
 pub fn camera_of(sensor: &SensorOptics) -> Camera {
     let c = &sensor.camera;
-    let shift = sensor.plate.as_ref().map_or(0.0, |p| p.thickness_mm * (1.0 - 1.0 / p.ior));
-    let distance = c.distance_mm - shift;
+    let distance = apparent_distance(sensor);
     let origin = from_pad(pad(&[c.center_mm[0], c.center_mm[1], -c.distance_mm]));
     let tan_half_x = (sensor.view_mm()[0] / 2.0 / distance) as f32;
     let mut camera = Camera::above(origin, tan_half_x, c.width_px, c.height_px);
@@ -104,6 +107,12 @@ pub fn camera_of(sensor: &SensorOptics) -> Camera {
         });
     }
     camera
+}
+
+/// From the optical centre to the undeformed face as it seems.
+fn apparent_distance(sensor: &SensorOptics) -> f64 {
+    let shift = sensor.plate.as_ref().map_or(0.0, |p| p.thickness_mm * (1.0 - 1.0 / p.ior));
+    sensor.camera.distance_mm - shift
 }
 
 fn lights(sensor: &SensorOptics) -> Vec<Light> {

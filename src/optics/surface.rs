@@ -29,6 +29,15 @@ impl DisplacedSurface {
         surface
     }
 
+    /// The untouched face of a pad that is not flat: `height` gives z over (x, y), mm, 0 at the apex and below it
+    /// towards the camera.
+    pub fn resting(nx: usize, ny: usize, size_mm: [f64; 2], height: impl Fn(f64, f64) -> f64) -> Self {
+        let mut surface = Self::flat(nx, ny, size_mm);
+        surface.rest_z =
+            surface.positions.iter().map(|p| height(f64::from(p.x), f64::from(p.y)) as f32).collect();
+        surface.at_rest()
+    }
+
     /// The same face without any displacement.
     pub fn at_rest(&self) -> Self {
         Self { positions: self.rest(), ..self.clone() }
@@ -80,11 +89,11 @@ impl DisplacedSurface {
     }
 
     /// The face as a mesh of the scene frame, its normals towards the camera. `uv_of` maps the undeformed
-    /// (x, y), mm, to texture coordinates: what is printed on the face rides on it.
+    /// point, mm, to texture coordinates: what is printed on the face rides on it.
     ///
     /// # Errors
     /// When there are fewer than 2 x 2 points, or not as many positions as points, or one is not finite.
-    pub fn mesh(&self, uv_of: impl Fn(f32, f32) -> Vec2) -> Result<Mesh, Error> {
+    pub fn mesh(&self, uv_of: impl Fn(Vec3) -> Vec2) -> Result<Mesh, Error> {
         let n = self.nx * self.ny;
         if self.nx < 2 || self.ny < 2 || self.positions.len() != n {
             return Err(Error::Scene {
@@ -98,7 +107,7 @@ impl DisplacedSurface {
         // counter-clockwise as seen by the camera.
         let flipped = (0..n).map(|k| (self.ny - 1 - k / self.nx) * self.nx + k % self.nx);
         let positions = flipped.clone().map(|k| from_pad(self.positions[k])).collect();
-        let uvs = flipped.map(|k| uv_of(rest[k].x, rest[k].y)).collect();
+        let uvs = flipped.map(|k| uv_of(rest[k])).collect();
         let mesh = Mesh::from_lattice(self.nx, self.ny, positions, uvs);
         mesh.check("the pad")?;
         Ok(mesh)
@@ -165,7 +174,7 @@ mod tests {
     fn the_mesh_faces_the_camera_and_carries_its_texture() {
         let mut s = DisplacedSurface::flat(5, 4, [8.0, 6.0]);
         s.positions[0] += Vec3::new(0.1, 0.2, -0.3);
-        let mesh = s.mesh(|x, y| Vec2::new(x / 8.0 + 0.5, y / 6.0 + 0.5)).unwrap();
+        let mesh = s.mesh(|p| Vec2::new(p.x / 8.0 + 0.5, p.y / 6.0 + 0.5)).unwrap();
         for k in 0..mesh.triangles.len() {
             let [a, b, c] = mesh.corners(k);
             assert!((b - a).cross(c - a).z > 0.0);

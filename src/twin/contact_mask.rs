@@ -119,8 +119,11 @@ mod tests {
         let sensor: SensorOptics = file["optics"].clone().try_into().expect("the shipped sensor");
         let pad = pressed(1.0);
         let mask = contact_mask(&sensor, &pad);
-        let seen =
-            crate::optics::imager::depth_map(&sensor, &crate::twin::view::displaced(&pad.surface)).unwrap();
+        let seen = crate::optics::imager::depth_map(
+            &sensor,
+            &crate::twin::view::displaced(&pad.surface, crate::elastomer::PadShape::Cuboid),
+        )
+        .unwrap();
         let (mut both, mut either) = (0, 0);
         for (inside, depth_mm) in mask.inside.iter().zip(seen) {
             let pressed = depth_mm < -0.5;

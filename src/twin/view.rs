@@ -1,7 +1,7 @@
 //! What the sensor's camera would see of a deformed pad.
 
 use super::contact_mask::contact_mask;
-use crate::elastomer::{ElastomerCapture, Pad, Surface};
+use crate::elastomer::{ElastomerCapture, Pad, PadShape, Surface};
 use crate::image::{self, Mask};
 use crate::optics::Error;
 use crate::optics::imager::{Background, Imager, Method, Notice};
@@ -25,6 +25,7 @@ pub struct View {
 #[derive(Debug, Clone)]
 pub struct Wear {
     imager: Imager,
+    shape: PadShape,
 }
 
 /// A simulated capture, as the camera would give it.
@@ -47,6 +48,11 @@ pub struct Picture {
 }
 
 impl Wear {
+    /// How light is truly rendered, for the record: after a fall back that is not what was asked for.
+    pub fn method(&self) -> Method {
+        self.imager.method()
+    }
+
     /// What holds for all pictures, such as a fall back to the reference mode.
     pub fn notices(&self) -> &[Notice] {
         self.imager.notices()
@@ -77,11 +83,13 @@ impl View {
             height: image.height as usize,
             rgb: &image.rgb,
         });
-        let flat = DisplacedSurface::flat(2, 2, [pad.size_x_mm, pad.size_y_mm]);
+        let [nx, ny] = if pad.shape == PadShape::Cuboid { [2, 2] } else { REST_LATTICE };
+        let size = [pad.size_x_mm, pad.size_y_mm];
+        let rest = DisplacedSurface::resting(nx, ny, size, |x, y| rest_height(pad.shape, size, [x, y]));
         let store = self.store.as_ref();
-        let imager = Imager::with_store(&self.sensor, self.method, background, &flat, store)?;
+        let imager = Imager::with_store(&self.sensor, self.method, background, &rest, store)?;
         imager.notices().iter().for_each(|notice| tracing::warn!("{notice}"));
-        Ok(Wear { imager })
+        Ok(Wear { imager, shape: pad.shape })
     }
 
     /// The picture of a deformed pad; `capture` numbers it, so that each has its own noise.
@@ -90,7 +98,7 @@ impl View {
     /// When the face cannot be rendered.
     pub fn picture(&self, pad: &ElastomerCapture, wear: &Wear, capture: u32) -> Result<Picture, Error> {
         let begun = Instant::now();
-        let seen = wear.imager.picture(&displaced(&pad.surface), capture)?;
+        let seen = wear.imager.picture(&displaced(&pad.surface, wear.shape), capture)?;
         let camera = &self.sensor.camera;
         let (width, height) = (camera.width_px as u32, camera.height_px as u32);
         let image = image::Picture { width, height, rgb: seen.rgb };
@@ -110,22 +118,6 @@ impl View {
             notice: seen.notice,
             took: begun.elapsed(),
         })
-    }
-
-    /// Name of the optics mode, for the record.
-    pub fn mode_name(&self) -> &'static str {
-        match self.method {
-            Method::Reference(_) => "reference",
-            Method::Fast { .. } => "fast",
-        }
-    }
-
-    /// Samples per pixel, where that is what was chosen.
-    pub fn samples(&self) -> Option<u32> {
-        match self.method {
-            Method::Reference(settings) => Some(settings.samples),
-            Method::Fast { .. } => None,
-        }
     }
 
     /// Where the contact is in the picture, with a margin: what happens around a contact belongs to it.
@@ -148,13 +140,32 @@ impl View {
 /// A contact shades its surroundings about this far (found by experiment on presses of a millimetre).
 const CONTACT_MARGIN_MM: f64 = 0.7;
 
-/// The elastomer's surface in the optics' words.
-pub(super) fn displaced(surface: &Surface) -> DisplacedSurface {
-    DisplacedSurface {
-        nx: surface.nx,
-        ny: surface.ny,
-        size_mm: [surface.size_x_mm, surface.size_y_mm],
-        positions: surface.positions.clone(),
-        rest_z: Vec::new(),
+/// Points of the untouched face of a pad that is not flat.
+const REST_LATTICE: [usize; 2] = [201, 201];
+
+/// Height of the untouched face, mm: 0 at its apex, below it towards the camera.
+fn rest_height(shape: PadShape, size_mm: [f64; 2], [x, y]: [f64; 2]) -> f64 {
+    let cap = |radius: f64, r2: f64| (radius * radius - r2).max(0.0).sqrt() - radius;
+    match shape {
+        PadShape::Cuboid => 0.0,
+        PadShape::Rounded { radius_mm } => {
+            let over = |at: f64, size: f64| (at.abs() - (size / 2.0 - radius_mm)).max(0.0);
+            cap(radius_mm, over(x, size_mm[0]).powi(2) + over(y, size_mm[1]).powi(2))
+        }
+        PadShape::Dome { radius_mm } => cap(radius_mm, x * x + y * y),
+        PadShape::Cylinder { radius_mm } => cap(radius_mm, x * x),
     }
+}
+
+/// The elastomer's surface in the optics' words.
+pub(super) fn displaced(surface: &Surface, shape: PadShape) -> DisplacedSurface {
+    let size_mm = [surface.size_x_mm, surface.size_y_mm];
+    let rest_z = match shape {
+        PadShape::Cuboid => Vec::new(),
+        _ => {
+            let height = |x: f64, y: f64| rest_height(shape, size_mm, [x, y]);
+            DisplacedSurface::resting(surface.nx, surface.ny, size_mm, height).rest_z
+        }
+    };
+    DisplacedSurface { nx: surface.nx, ny: surface.ny, size_mm, positions: surface.positions.clone(), rest_z }
 }

@@ -40,8 +40,8 @@ pub struct Cells<'a> {
     pub edge_mm: f32,
     /// Row by row, as sums.
     pub cells: &'a [Cell],
-    /// Sums of the irradiance.
-    pub light: &'a [Vec3],
+    /// Sums of the irradiance, by picture.
+    pub lights: &'a [Vec<Vec3>],
     /// Mean albedo of the pad.
     pub albedo: Vec3,
 }
@@ -51,108 +51,135 @@ pub struct Cells<'a> {
 struct Mean {
     position: Vec3,
     normal: Vec3,
-    light: Vec3,
+}
+
+/// What takes the place of the untouched sensor's light in one direction: the cell that is seen, and how much of the
+/// irradiance comes from where the sky and where the ground was.
+#[derive(Debug, Clone, Copy)]
+struct Risen {
+    direction: usize,
+    cell: usize,
+    of_sky: f32,
+    of_ground: f32,
 }
 
 impl Cells<'_> {
     fn means(&self) -> Vec<Mean> {
-        let mean = |(cell, light): (&Cell, &Vec3)| {
-            let per = 1.0 / cell.count.max(1.0);
-            let normal = cell.normal.normalize_or(Vec3::Z);
-            Mean { position: cell.position * per, normal, light: *light * per }
+        let mean = |cell: &Cell| Mean {
+            position: cell.position / cell.count.max(1.0),
+            normal: cell.normal.normalize_or(Vec3::Z),
         };
-        self.cells.iter().zip(self.light).map(mean).collect()
+        self.cells.iter().map(mean).collect()
     }
 
-    /// What the irradiance of each cell is to be multiplied with. `sky` gives the indirect irradiance of the untouched
-    /// sensor at a place for a normal.
-    pub fn gains(&self, sky: impl Fn(Vec3, Vec3) -> Vec3 + Sync) -> Vec<Vec3> {
-        let [nx, _] = self.size;
+    /// What the irradiance of each cell is to be multiplied with, by picture. `sky` gives the indirect irradiance of the
+    /// untouched sensor in a picture at a place for a normal. What a cell sees is found once for all pictures.
+    pub fn gains(&self, sky: impl Fn(usize, Vec3, Vec3) -> Vec3 + Sync) -> Vec<Vec<Vec3>> {
+        let ([nx, _], films) = (self.size, self.lights.len());
         let mean = self.means();
         let counted = self.cells.iter().filter(|c| c.count > 0.0).count().max(1) as f32;
-        let ground = mean.iter().map(|m| m.light).sum::<Vec3>() / counted * self.albedo * FRAC_1_PI;
+        let light: Vec<Vec<Vec3>> = self
+            .lights
+            .iter()
+            .map(|light| light.iter().zip(self.cells).map(|(l, c)| *l / c.count.max(1.0)).collect())
+            .collect();
+        let reflected = self.albedo * FRAC_1_PI;
+        let ground: Vec<Vec3> = light.iter().map(|l| l.iter().sum::<Vec3>() / counted * reflected).collect();
         let highest = mean.iter().zip(self.cells).filter(|(_, c)| c.count > 0.0);
         let highest = highest.fold(f32::NEG_INFINITY, |h, (m, _)| h.max(m.position.z));
-        let mut gains = vec![Vec3::ONE; self.cells.len()];
-        gains.par_chunks_mut(nx).enumerate().for_each(|(j, row)| {
-            for (i, gain) in row.iter_mut().enumerate() {
-                let Mean { position: p, normal: n, light: e } = mean[j * nx + i];
+        let mut gains = vec![Vec3::ONE; self.cells.len() * films];
+        gains.par_chunks_mut(nx * films).enumerate().for_each(|(j, row)| {
+            let mut seen = Vec::new();
+            for i in 0..nx {
+                let Mean { position: p, normal: n } = mean[j * nx + i];
                 let flat = n.z > 1.0 - 1e-5 && highest - p.z < EVEN * self.edge_mm;
                 if self.cells[j * nx + i].count == 0.0 || flat {
                     continue;
                 }
-                let change = self.change([i, j], &mean, ground, &sky);
-                let most = e * (MOST - 1.0);
-                *gain = Vec3::ONE + change.clamp(-0.9 * e, most) / e.max(Vec3::splat(1e-12));
+                self.look([i, j], &mean, &mut seen);
+                for film in 0..films {
+                    let (mut sum, mut last, mut environment) = (Vec3::ZERO, usize::MAX, Vec3::ZERO);
+                    for risen in &seen {
+                        let radiance = light[film][risen.cell] * reflected;
+                        if risen.of_sky != 0.0 && risen.direction != last {
+                            let tilted = (ahead(risen.direction) * SKYWARDS.sin()).extend(SKYWARDS.cos());
+                            environment = sky(film, p, tilted) * FRAC_1_PI;
+                            last = risen.direction;
+                        }
+                        sum += (radiance - environment) * risen.of_sky
+                            + (radiance - ground[film]) * risen.of_ground;
+                    }
+                    let change = sum * (TAU / DIRECTIONS as f32);
+                    let e = light[film][j * nx + i];
+                    let most = e * (MOST - 1.0);
+                    row[film * nx + i] = Vec3::ONE + change.clamp(-0.9 * e, most) / e.max(Vec3::splat(1e-12));
+                }
             }
         });
-        gains
+        let of_film =
+            |film: usize| gains.chunks_exact(nx).skip(film).step_by(films).flatten().copied().collect();
+        (0..films).map(of_film).collect()
     }
 
-    /// The change of a cell's irradiance.
-    fn change(
-        &self,
-        [i, j]: [usize; 2],
-        mean: &[Mean],
-        ground: Vec3,
-        sky: &impl Fn(Vec3, Vec3) -> Vec3,
-    ) -> Vec3 {
+    /// Follows the profile from a cell into all directions; what rises above what was seen before is listed.
+    fn look(&self, [i, j]: [usize; 2], mean: &[Mean], seen: &mut Vec<Risen>) {
         let [nx, ny] = self.size;
-        let Mean { position: p, normal: n, .. } = mean[j * nx + i];
-        let mut sum = Vec3::ZERO;
-        for d in 0..DIRECTIONS {
-            let phi = (d as f32 + 0.5) * (TAU / DIRECTIONS as f32);
-            let ahead = Vec2::from_angle(phi);
+        let Mean { position: p, normal: n } = mean[j * nx + i];
+        seen.clear();
+        for direction in 0..DIRECTIONS {
+            let ahead = ahead(direction);
             // In the picture y runs downwards, on the pad upwards.
             let steps = Vec2::new(ahead.x, -ahead.y);
             let along = n.truncate().dot(ahead);
-            // Below the surface's own plane nothing arrives.
-            let mut before = if n.z > 1e-3 { (-along / n.z).atan() } else { -FRAC_PI_2 };
-            let mut environment = None;
+            // Elevations as slopes. Below the surface's own plane nothing arrives.
+            let mut before = if n.z > 1e-3 { -along / n.z } else { f32::NEG_INFINITY };
             for distance in DISTANCES {
-                let q = Vec2::new(i as f32, j as f32) + steps * distance;
-                let (x, y) = (q.x.round(), q.y.round());
-                if x < 0.0 || y < 0.0 || x >= nx as f32 || y >= ny as f32 {
+                let q = Vec2::new(i as f32, j as f32) + steps * distance + 0.5;
+                if q.x < 0.0 || q.y < 0.0 || q.x >= nx as f32 || q.y >= ny as f32 {
                     break;
                 }
-                let k = y as usize * nx + x as usize;
+                let k = q.y as usize * nx + q.x as usize;
                 if self.cells[k].count == 0.0 {
                     break;
                 }
-                let Mean { position: at, light, .. } = mean[k];
-                let rise = (at.z - p.z) / (distance * self.edge_mm);
-                if rise <= before.tan() + EVEN {
+                let rise = (mean[k].position.z - p.z) / (distance * self.edge_mm);
+                if rise <= before + EVEN {
                     continue;
                 }
-                let elevation = rise.atan();
-                let radiance = light * self.albedo * FRAC_1_PI;
                 let above = before.max(0.0);
-                if elevation > above {
-                    let environment = *environment.get_or_insert_with(|| {
-                        let tilted = (ahead * SKYWARDS.sin()).extend(SKYWARDS.cos());
-                        sky(p, tilted) * FRAC_1_PI
-                    });
-                    sum += (radiance - environment)
-                        * (weight(elevation, along, n.z) - weight(above, along, n.z));
-                }
-                if before < 0.0 {
-                    let top = elevation.min(0.0);
-                    sum += (radiance - ground) * (weight(top, along, n.z) - weight(before, along, n.z));
-                }
-                before = elevation;
+                let of_sky = match rise > above {
+                    true => weight(rise, along, n.z) - weight(above, along, n.z),
+                    false => 0.0,
+                };
+                let of_ground = match before < 0.0 {
+                    true => weight(rise.min(0.0), along, n.z) - weight(before, along, n.z),
+                    false => 0.0,
+                };
+                seen.push(Risen { direction, cell: k, of_sky, of_ground });
+                before = rise;
             }
         }
-        sum * (TAU / DIRECTIONS as f32)
     }
 }
 
 /// Tilt of the normal whose irradiance stands for the walls that the pad hides, radians (found by experiment).
 const SKYWARDS: f32 = 0.9;
 
-/// Integral of cos(tilt) cos(elevation) up to an elevation, for a normal with the part `along` ahead and `up` upwards.
-fn weight(elevation: f32, along: f32, up: f32) -> f32 {
-    let (sin, cos) = elevation.sin_cos();
-    0.5 * (along * (elevation + sin * cos) + up * sin * sin)
+/// A direction looked into.
+#[inline(always)]
+fn ahead(direction: usize) -> Vec2 {
+    Vec2::from_angle((direction as f32 + 0.5) * (TAU / DIRECTIONS as f32))
+}
+
+/// Integral of cos(tilt) cos(elevation) up to an elevation of this slope, for a normal with the part `along` ahead and
+/// `up` upwards.
+#[inline(always)]
+fn weight(slope: f32, along: f32, up: f32) -> f32 {
+    if slope == f32::NEG_INFINITY {
+        return 0.5 * (up - along * FRAC_PI_2);
+    }
+    let cos2 = 1.0 / (1.0 + slope * slope);
+    0.5 * (along * (slope.atan() + slope * cos2) + up * slope * slope * cos2)
 }
 
 #[cfg(test)]
@@ -174,17 +201,24 @@ mod tests {
         // The plateau shines, the floor is dark, so is the sky.
         let light: Vec<Vec3> =
             (0..nx * ny).map(|k| if at(k) > 0.0 { Vec3::ONE } else { Vec3::splat(1e-3) }).collect();
-        let all = Cells { size: [nx, ny], edge_mm: edge, cells: &cells, light: &light, albedo: Vec3::ONE };
-        let mean = all.means();
+        let lights = [light.clone(), light.iter().map(|l| *l * 2.0).collect()];
+        let all = Cells { size: [nx, ny], edge_mm: edge, cells: &cells, lights: &lights, albedo: Vec3::ONE };
+        let (mean, mut seen) = (all.means(), Vec::new());
         // An endless wall of height h at distance d fills (1 - cos(atan(h/d)))/2 of the floor's view.
         for i in [36, 38] {
             let d = -at(40 * nx + i);
             let truth: f32 = 0.5 * (1.0 - d / d.hypot(1.0));
-            let change = all.change([i, 40], &mean, Vec3::ZERO, &|_, _| Vec3::ZERO).x;
+            all.look([i, 40], &mean, &mut seen);
+            let sum: f32 = seen.iter().map(|r| light[r.cell].x * (r.of_sky + r.of_ground)).sum();
+            let change = sum * FRAC_1_PI * (TAU / DIRECTIONS as f32);
             assert!((change / truth - 1.0).abs() < 0.25, "{d}: {change} {truth}");
         }
-        let gains = all.gains(|_, _| Vec3::ZERO);
-        assert!(gains[40 * nx + 38].x > 2.9, "what was dark is bounded");
-        assert_eq!(gains[40 * nx + 5], Vec3::ONE);
+        let gains = all.gains(|_, _, _| Vec3::ZERO);
+        assert!(gains[0][40 * nx + 38].x > 2.9, "what was dark is bounded");
+        assert_eq!(gains[0][40 * nx + 5], Vec3::ONE);
+        // Twice the light is twice the change.
+        for (a, b) in gains[0].iter().zip(&gains[1]) {
+            assert!((*a - *b).abs().max_element() < 1e-5, "{a} {b}");
+        }
     }
 }

@@ -10,7 +10,7 @@ use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, with_widest};
 use super::raster::{Sample, corners};
 use super::shade::Block;
 use super::slots::{POSITION, Slots};
-use super::source::{LINES, Line};
+use super::source::{COARSE, LINES, Line};
 use super::vector::{irradiance, quadrilateral};
 use super::{Precomputed, probes};
 use crate::optics::{Albedo, Film, Mesh};
@@ -22,6 +22,8 @@ use std::f32::consts::FRAC_1_PI;
 const NODE_PX: usize = WIDTH;
 /// Horizons are followed this far below a light, as a slope, so that they can be interpolated.
 const BELOW: f32 = 0.05;
+/// A horizon that departs more from the mean of its neighbours, as a slope, is followed between them, too.
+const BENT: f32 = 0.03;
 /// Largest edge of a cell of the bounce, mm.
 const CELL_MM: f32 = 0.26;
 /// A pixel over which the ground's slope changes by more is looked at in its corners.
@@ -40,8 +42,12 @@ pub struct Effort {
     pub shadow_mm: f32,
     /// A block is divided when its middle departs from its corners' mean by more, mm.
     pub curved_mm: f32,
+    /// Whether bent horizons are followed finely.
+    pub fine: bool,
     /// Whether flanks light their surroundings.
     pub bounce: bool,
+    /// Whether nothing is skipped that a scene does not need: to measure what skipping saves.
+    pub thorough: bool,
 }
 
 /// Pictures, and what tells of their error.
@@ -50,17 +56,18 @@ pub struct Pictures {
     pub films: Vec<Film>,
     /// Sum over pixels and channels of the squares of what the bounce changed (of the last picture).
     pub bounced: f64,
-    /// Rms over the face of |n - z|^2, which tells how steep it is.
+    /// Rms over the face of |n - n0|^2, which tells how steep the press made it.
     pub steepness: f64,
     /// Sum over pixels and channels of the variances of what mixed pixels hold (of the first picture).
     pub spread: f64,
 }
 
-/// Rms of |n - z|^2 over cells.
-fn steepness(cells: &[Cell]) -> f64 {
+/// Rms of |n - n0|^2 over cells, n0 the normal of the untouched face.
+fn steepness(cells: &[Cell], rest_normal: impl Fn(Vec3) -> Vec3) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for cell in cells.iter().filter(|c| c.count > 0.0) {
-        let departure = f64::from((cell.normal.normalize_or(Vec3::Z) - Vec3::Z).length_squared());
+        let rest = rest_normal(cell.position / cell.count);
+        let departure = f64::from((cell.normal.normalize_or(rest) - rest).length_squared());
         sum += departure * departure * f64::from(cell.count);
         count += f64::from(cell.count);
     }
@@ -127,14 +134,22 @@ impl Frame<'_> {
                 Albedo::Texture(texture) => texture.mean(),
             };
             let edge_mm = cell_px as f32 * self.once.pixel_mm;
-            for (k, (film, light)) in all.iter_mut().zip(&lights).enumerate() {
-                let grid = if lights.len() == 1 { &self.once.total } else { &self.once.tables.probes[k] };
-                let cells = Cells { size, edge_mm, cells: &cells, light, albedo };
-                let gains = cells.gains(|p, n| probes::irradiance(&grid.at(p), n));
-                bounced = self.apply(film, [k, lights.len()], &gains, size[0], cell_px);
+            let cells = Cells { size, edge_mm, cells: &cells, lights: &lights, albedo };
+            let grids = match lights.len() {
+                1 => std::slice::from_ref(&self.once.total),
+                _ => &self.once.tables.probes[..],
+            };
+            let gains = cells.gains(|film, p, n| probes::irradiance(&grids[film].at(p), n));
+            for (k, (film, gains)) in all.iter_mut().zip(&gains).enumerate() {
+                bounced = self.apply(film, [k, lights.len()], gains, size[0], cell_px);
             }
         }
-        Pictures { films: all, bounced, steepness: steepness(&cells), spread: spreads.iter().sum() }
+        Pictures {
+            films: all,
+            bounced,
+            steepness: steepness(&cells, |p| self.once.total.rest_normal(p)),
+            spread: spreads.iter().sum(),
+        }
     }
 
     /// Pixels along the edge of a cell of the bounce.
@@ -229,9 +244,14 @@ impl Frame<'_> {
         }
         let grids =
             if slots.films == 1 { std::slice::from_ref(&once.total) } else { &once.tables.probes[..] };
+        let greys = once.greys.as_deref().filter(|_| slots.grey).unwrap_or_default();
         for (p, node) in points.iter().zip(out.chunks_exact_mut(stride)) {
             node[POSITION..3].copy_from_slice(&p.to_array());
-            for (film, grid) in grids.iter().enumerate() {
+            for (film, grid) in greys.iter().enumerate() {
+                let values = grid.at(*p);
+                node[slots.indirect(film)..][..values.len()].copy_from_slice(&values);
+            }
+            for (film, grid) in grids.iter().enumerate().filter(|_| !slots.grey) {
                 let values = grid.at(*p);
                 node[slots.indirect(film)..][..values.len()].copy_from_slice(&values);
             }
@@ -247,9 +267,18 @@ impl Frame<'_> {
         let (once, slots) = (self.once, &self.slots);
         let source = &once.sources[l];
         let lines = source.seen(p, once.view.slab.as_ref());
-        let (mut hides, mut rises) = (false, false);
-        // Every other line first: the ones between only where the pad rises before one of these.
-        for k in (0..LINES).step_by(2).chain((1..LINES).step_by(2)) {
+        let (mut hides, mut rises, mut uneven) = (false, false, false);
+        let slopes = slots.horizons(l);
+        // A few lines first; the ones between only where the pad rises before one of these, and the finest only where
+        // the horizon bends.
+        let order = (0..LINES).step_by(COARSE).chain((2..LINES).step_by(COARSE)).chain((1..LINES).step_by(2));
+        for (turn, k) in order.enumerate() {
+            let coarse = turn < LINES.div_ceil(COARSE);
+            let between = |reach: usize| 0.5 * (node[slopes + k - reach] + node[slopes + k + reach]);
+            if k % 2 == 1 && rises && !uneven && !self.effort.thorough {
+                node[slopes + k] = between(1);
+                continue;
+            }
             let [low, high] = lines[k];
             let middle = (low + high).truncate() * 0.5;
             let distance = middle.length().max(1e-6);
@@ -259,15 +288,17 @@ impl Frame<'_> {
             let least = from.min(to) - BELOW;
             // A light that appears through a plate has no distance: the pad's rim ends the line of sight.
             let distance = if slots.bent() { f32::INFINITY } else { distance };
-            let horizon = match hidden && (k % 2 == 0 || rises) {
+            let horizon = match hidden && (coarse || rises || self.effort.thorough) {
                 true => self.heights.horizon(p, ahead, distance, least, from.max(to)),
                 false => least,
             };
-            node[slots.horizons(l) + k] = horizon;
+            uneven |= !coarse && k % 2 == 0 && self.effort.fine && (horizon - between(2)).abs() > BENT;
+            node[slopes + k] = horizon;
             hides |= horizon > from.min(to);
             rises |= horizon > least;
         }
-        node[slots.light(l)] = f32::from(u8::from(hides));
+        node[slots.light(l)] =
+            if hides { f32::from(1 + u8::from(uneven || self.effort.thorough)) } else { 0.0 };
         // Behind a light there is nothing to take off.
         node[slots.gain(l)] = f32::from(u8::from(source.faces(p)));
         if slots.varying() {
@@ -389,7 +420,7 @@ impl Work for Row<'_> {
                 }
             }
         }
-        let block = Block::new(&frame.slots, &frame.once.sources);
+        let block = Block::new(&frame.slots, &frame.once.sources, frame.effort.thorough);
         let sums = vec![Vectors::all(Vec3::ZERO); films];
         let (arena, waiting) = (Vec::new(), Vec::new());
         let mut desk = Desk {
@@ -480,7 +511,9 @@ impl Desk<'_> {
                 arena.split_at_mut(at)
             };
             let flag = |l: usize| self.frame.slots.light(l);
-            self.frame.fill(&inner, fresh, |l| ids.iter().any(|k| old[k * stride + flag(l)] > 0.0));
+            let thorough = self.frame.effort.thorough;
+            self.frame
+                .fill(&inner, fresh, |l| thorough || ids.iter().any(|k| old[k * stride + flag(l)] > 0.0));
             let [a, b, c, d] = ids;
             let [top, left, middle, right, bottom] = [0, 1, 2, 3, 4].map(|k| next + k);
             waiting.push(([x0, y0, mx, my], [a, top, left, middle]));
@@ -657,8 +690,10 @@ impl Desk<'_> {
             }
         }
         if albedos != [Vec3::ZERO; 4] {
-            let u = Eight::all(((x - x0) as f32 + 0.5) / (x1 - x0) as f32);
-            let v = Eight::all(((y - y0) as f32 + 0.5) / (y1 - y0) as f32);
+            // Each corner with the light and the horizons where it stands.
+            let at = |k: usize, low: usize, high: usize| ((k - low) as f32) / (high - low) as f32;
+            let u = Eight(std::array::from_fn(|k| at(x + k % 2, x0, x1)));
+            let v = Eight(std::array::from_fn(|k| at(y + k / 2 % 2, y0, y1)));
             self.sums.fill(Vectors::all(Vec3::ZERO));
             self.block.light([u, v], points, normals, &once.radiances, &mut self.sums);
         }

@@ -61,6 +61,11 @@ impl Places {
         self.low + Vec2::new((column % nx) as f32, (column / nx) as f32) / self.per_mm
     }
 
+    /// Whether the untouched face is no level plane.
+    pub fn is_curved(&self) -> bool {
+        self.rest.iter().any(|z| (z - self.rest[0]).abs() > 1e-4)
+    }
+
     /// How many nodes there are.
     pub fn count(&self) -> usize {
         self.rest.len() * self.nodes[2]
@@ -94,6 +99,26 @@ impl<const N: usize> Grid<N> {
     /// Where its nodes stand, and their numbers.
     pub fn parts(&self) -> (&Places, &[[f32; N]]) {
         (&self.places, &self.values)
+    }
+
+    /// How far a point is above the untouched face (that of the nearest node), mm.
+    pub fn lift(&self, point: Vec3) -> f32 {
+        let places = &self.places;
+        let [nx, ny, _] = places.nodes;
+        let q = ((point.truncate() - places.low) * places.per_mm).round();
+        let at = |q: f32, n: usize| (q.max(0.0) as usize).min(n - 1);
+        point.z - places.rest[at(q.y, ny) * nx + at(q.x, nx)]
+    }
+
+    /// Normal of the untouched face under a point.
+    pub fn rest_normal(&self, point: Vec3) -> Vec3 {
+        let places = &self.places;
+        let [nx, ny, _] = places.nodes;
+        let q = (point.truncate() - places.low) * places.per_mm;
+        let cell = |q: f32, n: usize| (q.max(0.0) as usize).min(n - 2);
+        let at = |i: usize, j: usize| places.rest[(cell(q.y, ny) + j) * nx + cell(q.x, nx) + i];
+        let slope = Vec2::new(at(1, 0) - at(0, 0), at(0, 1) - at(0, 0)) * places.per_mm;
+        (-slope).extend(1.0).normalize()
     }
 
     /// The numbers at a point; beyond the grid those of its border.

@@ -18,11 +18,11 @@ pub const TERMS: usize = 9;
 pub const NUMBERS: usize = 3 * TERMS;
 /// Rays gathered at a node.
 const RAYS: usize = 2048;
-/// Steepest normals of the fit, and at which tilt their weight has fallen to a half, radians.
+/// Steepest normals of the fit, and at which tilt their weight has fallen to a half for an even and a curved face, radians.
 const STEEPEST: f64 = 1.25;
-const HALF_WEIGHT: f64 = 0.35;
-/// How far above the untouched face the lowest nodes are, mm.
-const CLEARANCE_MM: f32 = 2e-3;
+const HALF_WEIGHT: [f64; 2] = [0.35, 1.0];
+/// How far above an even and a curved untouched face the lowest nodes are, mm: heights of a curved one are known by cells.
+const CLEARANCE_MM: [f32; 2] = [2e-3, 0.06];
 
 /// The polynomial's terms.
 #[inline(always)]
@@ -64,12 +64,13 @@ pub fn gather(
     rest: impl Fn(Vec2) -> f32 + Sync,
 ) -> Vec<Grid<NUMBERS>> {
     let directions = sphere(RAYS);
-    let kernel = kernel(&directions);
     let places = Places::new(layout, rest);
+    let curved = usize::from(places.is_curved());
+    let kernel = kernel(&directions, HALF_WEIGHT[curved]);
     let nodes: Vec<Vec<[f32; NUMBERS]>> = (0..places.count())
         .into_par_iter()
         .map(|node| {
-            let origin = places.point(node) + Vec3::Z * CLEARANCE_MM;
+            let origin = places.point(node) + Vec3::Z * CLEARANCE_MM[curved];
             let mut numbers = vec![[0.0; NUMBERS]; solved.lights];
             for (k, (direction, weights)) in directions.iter().zip(&kernel).enumerate() {
                 let mut dice = hash(node as u32, k as u32);
@@ -107,6 +108,14 @@ pub fn total(grids: &[Grid<NUMBERS>], radiances: &[Vec3]) -> Grid<NUMBERS> {
     Grid::from_values(places.clone(), sum)
 }
 
+/// One number for three colours; None where they differ.
+pub fn grey(grid: &Grid<NUMBERS>) -> Option<Grid<TERMS>> {
+    let (places, values) = grid.parts();
+    let same = |n: &[f32; NUMBERS]| n.chunks_exact(3).all(|c| c[0] == c[1] && c[1] == c[2]);
+    let one = |n: &[f32; NUMBERS]| std::array::from_fn(|k| n[3 * k]);
+    values.iter().all(same).then(|| Grid::from_values(places.clone(), values.iter().map(one).collect()))
+}
+
 /// Evenly spread directions (the Fibonacci lattice).
 fn sphere(n: usize) -> Vec<Vec3> {
     let golden = std::f64::consts::TAU * 0.618_033_988_749_894_9;
@@ -120,11 +129,11 @@ fn sphere(n: usize) -> Vec<Vec3> {
 }
 
 /// What radiance 1 from each direction adds to each term: the least-squares fit, worked out once.
-fn kernel(directions: &[Vec3]) -> Vec<[f32; TERMS]> {
+fn kernel(directions: &[Vec3], half_weight: f64) -> Vec<[f32; TERMS]> {
     let mut normals = vec![(Vec3::Z, 1.0)];
     for ring in 1..=8 {
         let tilt = STEEPEST * f64::from(ring) / 8.0;
-        let weight = 1.0 / (1.0 + (tilt / HALF_WEIGHT).powi(2));
+        let weight = 1.0 / (1.0 + (tilt / half_weight).powi(2));
         for k in 0..12 {
             let phi = std::f64::consts::TAU * (f64::from(k) + 0.5 * f64::from(ring % 2)) / 12.0;
             let n = DVec3::new(tilt.sin() * phi.cos(), tilt.sin() * phi.sin(), tilt.cos());
@@ -201,7 +210,7 @@ mod tests {
     fn a_linear_sky_is_fitted_to_a_hundredth() {
         // L = 1 + d.y + d.z/2 over the whole sphere: E = pi + (2 pi/3) (n.y + n.z/2).
         let directions = sphere(RAYS);
-        let kernel = kernel(&directions);
+        let kernel = kernel(&directions, HALF_WEIGHT[0]);
         let mut numbers = [0.0; NUMBERS];
         for (d, w) in directions.iter().zip(&kernel) {
             for k in 0..TERMS {

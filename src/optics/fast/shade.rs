@@ -6,7 +6,7 @@
 use super::lanes::{Eight, Vectors};
 use super::probes;
 use super::slots::Slots;
-use super::source::{LINES, Line, Source};
+use super::source::{COARSE, LINES, Line, Source};
 use super::vector::edges;
 use glam::Vec3;
 
@@ -19,6 +19,9 @@ pub struct Block<'a> {
     sources: &'a [Source],
     coefficients: Vec<Bilinear>,
     hidden: Vec<bool>,
+    /// By light: of how many lines one is taken.
+    step: Vec<usize>,
+    thorough: bool,
     fixed: Vec<Option<[Line; LINES]>>,
 }
 
@@ -34,7 +37,7 @@ fn vectors_at(c: &[Bilinear], u: Eight, v: Eight) -> Vectors {
 
 impl<'a> Block<'a> {
     /// Room for the blocks of a picture.
-    pub fn new(slots: &'a Slots, sources: &'a [Source]) -> Self {
+    pub fn new(slots: &'a Slots, sources: &'a [Source], thorough: bool) -> Self {
         let fixed = sources
             .iter()
             .map(|s| s.is_fixed().then(|| std::array::from_fn(|k| s.line(k, LINES - 1, Vec3::ZERO))));
@@ -43,6 +46,8 @@ impl<'a> Block<'a> {
             sources,
             coefficients: vec![[0.0; 4]; slots.stride()],
             hidden: vec![false; sources.len()],
+            step: vec![1; sources.len()],
+            thorough,
             fixed: fixed.map(|lines| lines.filter(|_| !slots.bent())).collect(),
         }
     }
@@ -53,9 +58,16 @@ impl<'a> Block<'a> {
         for (k, out) in self.coefficients.iter_mut().enumerate() {
             *out = [a[k], b[k] - a[k], c[k] - a[k], d[k] - c[k] - b[k] + a[k]];
         }
-        for (l, hidden) in self.hidden.iter_mut().enumerate() {
+        for (l, (hidden, step)) in self.hidden.iter_mut().zip(&mut self.step).enumerate() {
             let flag = self.slots.light(l);
-            *hidden = [a, b, c, d].iter().any(|n| n[flag] > 0.0);
+            let most = [a, b, c, d].iter().fold(0.0f32, |most, n| most.max(n[flag]));
+            *hidden = self.thorough || most > 0.0;
+            // A plane cuts a rectangle along a straight line, a horizon does not; round lights have no straight edge.
+            *step = match self.sources[l].is_fixed() && !self.thorough {
+                true if most == 0.0 => COARSE,
+                true if most == 1.0 => 2,
+                _ => 1,
+            };
         }
     }
 
@@ -86,7 +98,16 @@ impl<'a> Block<'a> {
         let n = normals;
         let terms = probes::terms_of(n);
         for (film, sum) in sums.iter_mut().enumerate() {
-            let c = &self.coefficients[self.slots.indirect(film)..][..probes::NUMBERS];
+            let c = &self.coefficients[self.slots.indirect(film)..][..self.slots.indirect_numbers()];
+            if self.slots.grey {
+                let mut e = at(&c[0], u, v);
+                for (k, term) in terms.iter().enumerate() {
+                    e = e + at(&c[k + 1], u, v) * *term;
+                }
+                let e = e.max(Eight::all(0.0));
+                *sum = *sum + Vectors { x: e, y: e, z: e };
+                continue;
+            }
             let mut e = vectors_at(c, u, v);
             for (k, term) in terms.iter().enumerate() {
                 e = e + vectors_at(&c[3 * (k + 1)..], u, v).scaled(*term);
@@ -121,7 +142,8 @@ impl<'a> Block<'a> {
         let horizons = self.slots.horizons(l);
         let mut lows = [Vectors::all(Vec3::ZERO); LINES];
         let mut cuts = lows;
-        for k in 0..LINES {
+        let step = self.step[l];
+        for k in (0..LINES).step_by(step) {
             let (low, high) = (self.end(l, k, 0, uv, points), self.end(l, k, 1, uv, points));
             // The part of the line below the surface's own plane...
             let own = part_below(low.dot(normals), high.dot(normals));
@@ -134,8 +156,8 @@ impl<'a> Block<'a> {
             cuts[k] = (low + (high - low).scaled(part)).unit();
         }
         let mut sum = edges(lows[LINES - 1], cuts[LINES - 1]) + edges(cuts[0], lows[0]);
-        for k in 1..LINES {
-            sum = sum + edges(lows[k - 1], lows[k]) + edges(cuts[k], cuts[k - 1]);
+        for k in (step..LINES).step_by(step) {
+            sum = sum + edges(lows[k - step], lows[k]) + edges(cuts[k], cuts[k - step]);
         }
         let gain = at(&self.coefficients[self.slots.gain(l)], u, v);
         sum.dot(normals) * Eight::all(-0.5) * gain

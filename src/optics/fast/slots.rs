@@ -13,14 +13,16 @@ pub struct Slots {
     varying: bool,
     /// Whether a plate bends all of them.
     bent: bool,
+    /// Whether one number stands for three colours in the indirect light.
+    pub grey: bool,
 }
 
 /// The node's position.
 pub const POSITION: usize = 0;
 
 impl Slots {
-    pub fn new(lights: usize, films: usize, varying: bool, bent: bool) -> Self {
-        Self { lights, films, varying: varying || bent, bent }
+    pub fn new(lights: usize, films: usize, varying: bool, bent: bool, grey: bool) -> Self {
+        Self { lights, films, varying: varying || bent, bent, grey }
     }
 
     pub fn bent(&self) -> bool {
@@ -34,7 +36,12 @@ impl Slots {
 
     /// Polynomial of the indirect irradiance of a picture.
     pub fn indirect(&self, film: usize) -> usize {
-        self.direct(self.lights) + probes::NUMBERS * film
+        self.direct(self.lights) + self.indirect_numbers() * film
+    }
+
+    /// How many numbers that polynomial has.
+    pub fn indirect_numbers(&self) -> usize {
+        if self.grey { probes::TERMS } else { probes::NUMBERS }
     }
 
     fn per_light(&self) -> usize {

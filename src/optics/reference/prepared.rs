@@ -12,6 +12,8 @@ pub struct Prepared {
     pub camera: Camera,
     pub max_events: u32,
     pub emitters: Vec<Emitter>,
+    /// Names of the lights.
+    pub names: Vec<String>,
     /// How many of them shine.
     pub lit: usize,
     pub accel: Accel,
@@ -128,6 +130,7 @@ impl Prepared {
             max_events: scene.max_events,
             lit: emitters.iter().filter(|e| !e.is_dark()).count(),
             emitters,
+            names: scene.lights.iter().map(|l| l.name.clone()).collect(),
             accel: Accel::new(&triangles),
             offset: extent * 2e-6,
             plate: if clear.len() == 1 { plates.pop() } else { None },

@@ -70,7 +70,7 @@ impl SensorLook {
     /// ones at the top and bottom.
     pub fn white_skin(width: u32, height: u32, mm_per_px: f64) -> Self {
         let light = |x, y, bright: f32, warm: f32| SideLight {
-            from: [x, y, 0.4],
+            from: [x, y, 0.25],
             rgb: [bright + warm, bright, bright - 1.0 - warm],
             falloff: 0.75,
         };
@@ -80,14 +80,14 @@ impl SensorLook {
             mm_per_px,
             ambient: [18.0, 20.0, 20.0],
             lights: vec![
-                light(-1.0, 0.0, 118.0, 1.5),
-                light(1.0, 0.0, 118.0, 0.5),
-                light(0.0, 1.0, 59.0, 0.0),
-                light(0.0, -1.0, 59.0, 1.0),
+                light(-1.0, 0.0, 170.0, 1.5),
+                light(1.0, 0.0, 170.0, 0.5),
+                light(0.0, 1.0, 85.0, 0.0),
+                light(0.0, -1.0, 85.0, 1.0),
             ],
             membrane_mm: 0.14,
             specular: 0.05,
-            brightness_per_mm: 0.2,
+            brightness_per_mm: 0.3,
             vignette: 0.22,
             dirt: 0.5,
         }

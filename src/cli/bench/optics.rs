@@ -1,0 +1,147 @@
+//! `twinrig bench optics`: error against run time.
+//!
+//! Renders the benchmark scene's variants Ac, At and B in the reference mode over samples a pixel and in the fast mode over
+//! tolerances, each error taken against two long reference pictures; beside them stand the peers' published points. Then
+//! what is skipped where a scene does not need it is done nevertheless, and the times compared. `--out NAME` writes
+//! NAME.csv, NAME.svg and NAME.json.
+
+use super::{load::cpu_seconds, optics_plot};
+use crate::cli::exit::Exit;
+use crate::cli::screen;
+use crate::optics::bench::{Point, Report, Settings, run};
+use crate::optics::bench_scene::Variant;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// Measure the optics: error against run time, the effect of each skip
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  twinrig bench optics --out bench/optics\n  twinrig bench optics --quick --json"
+)]
+pub struct Args {
+    /// Small pictures, few samples: whether it runs, not how fast
+    #[arg(long)]
+    pub quick: bool,
+    /// Raster of the pictures
+    #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = raster)]
+    pub size: [usize; 2],
+    /// Samples a pixel of each of the two judging pictures
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(2..=65_536))]
+    pub judge_spp: u32,
+    /// Write NAME.csv, NAME.svg and NAME.json
+    #[arg(long, value_name = "NAME")]
+    pub out: Option<PathBuf>,
+    /// Print one JSON document
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl Args {
+    /// Runs the benchmark.
+    pub fn run(self) -> Exit {
+        let settings = match self.quick {
+            true => Settings {
+                scenes: vec![Variant::Ac],
+                effects: true,
+                size: [48, 36],
+                judge_samples: 8,
+                samples: vec![1, 4],
+                tolerances: vec![0.01, 0.005],
+                repeat: 1,
+            },
+            false => Settings {
+                scenes: vec![Variant::Ac, Variant::At, Variant::B],
+                effects: true,
+                size: self.size,
+                judge_samples: self.judge_spp,
+                samples: vec![1, 4, 16, 64],
+                tolerances: vec![0.02, 0.01, 0.005, 0.0025],
+                repeat: 8,
+            },
+        };
+        let report = match run(&settings, &cpu_seconds, |what| screen::note(what)) {
+            Ok(report) => report,
+            Err(e) => {
+                screen::error(e);
+                return Exit::Failed;
+            }
+        };
+        if let Some(name) = &self.out
+            && let Err(e) = keep(name, &report)
+        {
+            screen::error(e);
+            return Exit::Failed;
+        }
+        match self.json {
+            true => screen::json(&report),
+            false => show(&report),
+        }
+        Exit::Done
+    }
+}
+
+fn show(report: &Report) {
+    screen::result(format_args!("{} threads", report.threads));
+    screen::result("scene method               raster    setting   CPU-s     wall s    relRMSE  (estimated)");
+    for p in report.points.iter().chain(&report.peers) {
+        let [w, h] = p.size;
+        screen::result(format_args!(
+            "{:5} {:20} {:>4}x{:<4} {:>8} {:>9.4} {:>9} {:>8.3} %  {}",
+            p.scene,
+            p.method,
+            w,
+            h,
+            p.setting,
+            p.cpu_s,
+            p.wall_s.map_or_else(|| "-".to_owned(), |s| format!("{s:.4}")),
+            1e2 * p.error,
+            p.estimated.map_or_else(String::new, |e| format!("({:.3} %)", 1e2 * e)),
+        ));
+    }
+    for (scene, floor) in &report.floors {
+        screen::result(format_args!("{scene}: errors below {:.3} % are not told from none", 1e2 * floor));
+    }
+    for e in &report.effects {
+        let difference =
+            e.difference.map_or_else(String::new, |d| format!(", pictures {:.4} % apart", 1e2 * d));
+        screen::result(format_args!(
+            "{:62} x {:5.2}  ({:.4} s without, {:.4} s with{difference})",
+            e.what, e.ratio, e.without_s, e.with_s
+        ));
+    }
+    screen::result(format_args!("camera rays: {:.1} M a CPU-s", report.camera_rays_per_s / 1e6));
+}
+
+fn keep(name: &Path, report: &Report) -> Result<(), String> {
+    if let Some(folder) = name.parent() {
+        std::fs::create_dir_all(folder).map_err(|e| format!("cannot make {}: {e}", folder.display()))?;
+    }
+    let json = serde_json::to_string_pretty(report).map_err(|e| e.to_string())?;
+    for (ending, text) in [("csv", csv(report)), ("svg", optics_plot::svg(report)?), ("json", json)] {
+        let path = name.with_extension(ending);
+        std::fs::write(&path, text)
+            .map_err(|e| format!("cannot write {}: {e}; choose another --out", path.display()))?;
+    }
+    Ok(())
+}
+
+fn csv(report: &Report) -> String {
+    let mut text =
+        "scene,method,width,height,setting,cpu_s,wall_s,once_s,relrmse,estimated_relrmse\n".to_owned();
+    let number = |v: Option<f64>| v.map_or_else(String::new, |v| v.to_string());
+    for p in report.points.iter().chain(&report.peers) {
+        let Point { scene, method, size: [w, h], setting, cpu_s, error, .. } = p;
+        let (wall, once, estimated) = (number(p.wall_s), number(p.once_s), number(p.estimated));
+        // Writing to a string does not fail.
+        let _ =
+            writeln!(text, "{scene},{method},{w},{h},{setting},{cpu_s},{wall},{once},{error},{estimated}");
+    }
+    text
+}
+
+fn raster(size: &str) -> Result<[usize; 2], String> {
+    let parsed = size.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    parsed
+        .filter(|raster| raster.iter().all(|n| (8..=4096).contains(n)))
+        .ok_or_else(|| format!("{size:?} is no raster; write WIDTHxHEIGHT with 8 to 4096 each, e.g. 320x240"))
+}

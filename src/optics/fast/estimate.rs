@@ -1,0 +1,60 @@
+//! How much work a tolerance takes, and what error to expect of a picture.
+
+use super::frame::{self, Effort};
+use super::{Renderer, Source};
+use crate::optics::Albedo;
+
+impl Effort {
+    /// What it takes (found by experiment on the scenes of the tests).
+    pub(super) fn for_tolerance(tolerance: f64) -> Self {
+        if tolerance >= 0.009 {
+            Self { cell: 2.0, block_mm: 0.26, shadow_mm: 0.26, curved_mm: 0.04, fine: false, ..Self::FINEST }
+        } else if tolerance >= 0.004 {
+            Self { cell: 1.1, block_mm: 0.26, shadow_mm: 0.13, curved_mm: 0.02, ..Self::FINEST }
+        } else {
+            Self::FINEST
+        }
+    }
+
+    const FINEST: Self = Self {
+        cell: 1.1,
+        block_mm: 0.13,
+        shadow_mm: 0.07,
+        curved_mm: 0.01,
+        fine: true,
+        bounce: true,
+        thorough: false,
+    };
+}
+
+/// Error of a pad of one colour, and of a textured one, without anything of what follows.
+const BASE_ERROR: [f64; 2] = [0.002, 0.004];
+/// What a plate adds: its light is solved by fewer rays than it takes.
+const PLATE_ERROR: f64 = 0.004;
+/// What a tube adds: the wall behind it is lit more unevenly than patches resolve.
+const TUBE_ERROR: f64 = 0.016;
+/// Part of the bounce that is wrong or left out.
+const BOUNCE_ERROR: f64 = 0.35;
+/// What steep flanks add, by the rms of |n - n0|^2 over the untouched normal n0: shadows' edges are interpolated between nodes.
+const STEEP_ERROR: f64 = 0.08;
+/// Variance of the mean of four corners, as part of their own variance: they are shared with the neighbours.
+const SPREAD_ERROR: f64 = 0.25;
+
+impl Renderer<'_> {
+    /// What relRMSE to expect. It follows from the picture itself: the light that flanks send each other is worked out with
+    /// one bounce on a coarse raster, and a part of what that changed is taken for its error; pixels over creases are
+    /// means of four corners, and their variance tells the error of the mean. The constants were found by comparing
+    /// with the reference (see the tests).
+    pub(super) fn estimated_error(&self, pictures: &frame::Pictures) -> f64 {
+        let film = &pictures.films[0];
+        let n = (film.pixels.len() * 3) as f64;
+        let mean = f64::from(film.mean().element_sum() / 3.0).max(1e-30);
+        let bounce = BOUNCE_ERROR * (pictures.bounced / n).sqrt() / mean;
+        let spread = (SPREAD_ERROR * pictures.spread / n).sqrt() / mean;
+        let base = BASE_ERROR[usize::from(matches!(self.albedo, Albedo::Texture(_)))];
+        let steep = STEEP_ERROR * pictures.steepness;
+        let plate = if self.once.view.slab.is_some() { PLATE_ERROR } else { 0.0 };
+        let tube = if self.once.sources.iter().any(Source::is_tube) { TUBE_ERROR } else { 0.0 };
+        [base, bounce, spread, steep, plate, tube].iter().map(|e| e * e).sum::<f64>().sqrt()
+    }
+}

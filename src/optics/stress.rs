@@ -1,0 +1,352 @@
+//! What the optics must bear: odd pads, lights, scales and scenes, each rendered by the fast mode or refused.
+//!
+//! A case ends well when its picture is finite, not negative, below what its lights can give at all, and no farther from
+//! the reference than its own estimate says; or when it is refused with a typed error where a refusal is due. The presses
+//! and lights here are others than those that the estimate's constants were found on, so they test its honesty.
+
+use super::bench_scene::Variant;
+use super::trial::{Judge, Press, Trial, bound};
+use super::{Albedo, Error, Light, LightShape, Material, Mesh, Role, Scene, fast};
+use glam::Vec3;
+use serde::Serialize;
+use std::sync::Arc;
+
+/// How much to do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Columns and rows of the pictures.
+    pub size: [usize; 2],
+    /// Samples a pixel of each of the two judging pictures.
+    pub judge_samples: u32,
+    /// relRMSE asked for.
+    pub tolerance: f64,
+    /// Every so many-th case only.
+    pub every: usize,
+}
+
+/// How a case ended.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Outcome {
+    /// Rendered.
+    Picture {
+        /// relRMSE against the reference, its noise taken off.
+        error: f64,
+        /// Below this the judges cannot tell.
+        floor: f64,
+        /// What the mode said of itself.
+        estimated: f64,
+    },
+    /// Refused.
+    Refused {
+        /// The message.
+        why: String,
+    },
+}
+
+/// A case and its verdict.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Verdict {
+    /// What was tried.
+    pub case: String,
+    /// How it ended.
+    pub outcome: Outcome,
+    /// What is wrong with that; none when all is well.
+    pub faults: Vec<String>,
+}
+
+/// Errors may exceed the estimate by this factor, and by this much, before it is called dishonest: an estimate is no bound.
+const HONEST: (f64, f64) = (1.5, 0.002);
+
+/// What a case may end as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Due {
+    Picture,
+    Refusal,
+    Either,
+}
+
+struct Case {
+    name: String,
+    due: Due,
+    make: Box<dyn Fn(&Settings) -> Result<Trial, Error>>,
+}
+
+/// Tries all cases; `tell` hears each verdict as it falls.
+pub fn run(settings: &Settings, mut tell: impl FnMut(&Verdict)) -> Vec<Verdict> {
+    let mut verdicts = Vec::new();
+    // Cases of one sensor follow each other: it is prepared once for all of them.
+    let mut prepared: Option<([u8; 32], fast::Precomputed)> = None;
+    for case in cases().iter().step_by(settings.every.max(1)) {
+        let verdict = try_case(case, settings, &mut prepared);
+        tell(&verdict);
+        verdicts.push(verdict);
+    }
+    verdicts
+}
+
+fn try_case(
+    case: &Case,
+    settings: &Settings,
+    prepared: &mut Option<([u8; 32], fast::Precomputed)>,
+) -> Verdict {
+    let mut faults = Vec::new();
+    let outcome = match picture_of(case, settings, prepared, &mut faults) {
+        Ok(outcome) => outcome,
+        Err(e) => Outcome::Refused { why: e.to_string() },
+    };
+    match (&outcome, case.due) {
+        (Outcome::Refused { why }, Due::Picture) => faults.push(format!("it was refused: {why}")),
+        (Outcome::Picture { .. }, Due::Refusal) => faults.push("it was not refused".to_owned()),
+        _ => {}
+    }
+    Verdict { case: case.name.clone(), outcome, faults }
+}
+
+fn picture_of(
+    case: &Case,
+    settings: &Settings,
+    prepared: &mut Option<([u8; 32], fast::Precomputed)>,
+    faults: &mut Vec<String>,
+) -> Result<Outcome, Error> {
+    let Trial { scene, untouched } = (case.make)(settings)?;
+    let key = fast::Precomputed::key(&untouched);
+    let once = match prepared.take() {
+        Some((of, once)) if of == key => once,
+        _ => fast::Precomputed::new(&untouched)?,
+    };
+    let radiances: Vec<Vec3> = scene.lights.iter().map(|l| l.radiance).collect();
+    let once = once.with_radiances(&radiances)?;
+    let (film, estimated) = fast::Renderer::new(&once, &scene, settings.tolerance)?.render_with_error();
+    *prepared = Some((key, once));
+    let most = bound(&scene) * 1.001;
+    let broken = film.pixels.iter().filter(|p| !(p.is_finite() && p.cmpge(Vec3::ZERO).all())).count();
+    if broken > 0 || !estimated.is_finite() {
+        faults.push(format!("{broken} pixels are no light (estimate {estimated})"));
+    }
+    let bright = film.pixels.iter().filter(|p| !p.cmple(most).all()).count();
+    if bright > 0 {
+        faults.push(format!("{bright} pixels are brighter than all light there is ({most})"));
+    }
+    let judge = Judge::new(&scene, settings.judge_samples)?;
+    let (error, floor) = (judge.error(&film), judge.floor());
+    if error > HONEST.0 * estimated + HONEST.1 + floor {
+        faults.push(format!("the error is {error:.4}, the estimate said {estimated:.4}"));
+    }
+    Ok(Outcome::Picture { error, floor, estimated })
+}
+
+/// Points of the pad's lattice.
+const LATTICE: [usize; 2] = [401, 301];
+
+fn case(
+    name: impl Into<String>,
+    due: Due,
+    make: impl Fn(&Settings) -> Result<Trial, Error> + 'static,
+) -> Case {
+    Case { name: name.into(), due, make: Box::new(make) }
+}
+
+fn pressed(press: Press) -> impl Fn(&Settings) -> Result<Trial, Error> {
+    move |s| Trial::new(Variant::Ac, press, s.size, LATTICE)
+}
+
+/// A ball under changed lights or walls.
+fn changed(change: impl Fn(&mut Scene) + Copy) -> impl Fn(&Settings) -> Result<Trial, Error> {
+    move |s| Ok(Trial::new(Variant::Ac, Press::Sphere, s.size, LATTICE)?.changed(change))
+}
+
+fn cases() -> Vec<Case> {
+    let mut cases = Vec::new();
+    for press in [
+        Press::Cone,
+        Press::Ridge,
+        Press::Pyramid,
+        Press::Ring,
+        Press::Post,
+        Press::Cliff,
+        Press::Dots,
+        Press::Dent,
+        Press::Drag(2.0),
+        Press::Drag(5.0),
+        Press::Fold,
+        Press::Punch,
+        Press::Stamp,
+    ] {
+        cases.push(case(format!("press {press:?}"), Due::Picture, pressed(press)));
+    }
+    for light in 0..4 {
+        let name = format!("punch under light {light} alone");
+        cases.push(case(name, Due::Picture, move |s| {
+            let keep = |scene: &mut Scene| {
+                scene
+                    .lights
+                    .iter_mut()
+                    .enumerate()
+                    .filter(|(k, _)| *k != light)
+                    .for_each(|(_, l)| l.radiance = Vec3::ZERO);
+            };
+            Ok(Trial::new(Variant::Ac, Press::Punch, s.size, LATTICE)?.changed(keep))
+        }));
+    }
+    for (name, press) in [("cone", Press::Cone), ("ring", Press::Ring), ("drag", Press::Drag(3.0))] {
+        cases.push(case(format!("textured {name}"), Due::Picture, move |s| {
+            Trial::new(Variant::At, press, s.size, LATTICE)
+        }));
+        cases.push(case(format!("{name} under a plate"), Due::Picture, move |s| {
+            Trial::new(Variant::B, press, s.size, LATTICE)
+        }));
+    }
+    lights(&mut cases);
+    extremes(&mut cases);
+    cases
+}
+
+/// Lights in places where they should not be.
+fn lights(cases: &mut Vec<Case>) {
+    for z in [0.6, 1.05, 3.0, 15.0] {
+        let name = format!("lights {z} mm above the face");
+        cases.push(case(name, Due::Picture, move |s| {
+            let lower = move |scene: &mut Scene| scene.lights.iter_mut().for_each(|l| at_height(l, z));
+            changed(lower)(s)
+        }));
+    }
+    cases.push(case(
+        "lights as small as a pixel",
+        Due::Picture,
+        changed(|s| s.lights.iter_mut().for_each(|l| scaled(l, 0.02, 2500.0))),
+    ));
+    cases.push(case(
+        "lights touch the walls",
+        Due::Either,
+        changed(|s| {
+            s.lights.iter_mut().for_each(|l| {
+                if let LightShape::Rectangle { center, half_u, half_v } = &mut l.shape {
+                    *center -= half_u.cross(*half_v).normalize() * 0.001;
+                }
+            });
+        }),
+    ));
+    cases.push(case(
+        "a light faces the ceiling",
+        Due::Picture,
+        changed(|s| {
+            if let LightShape::Rectangle { center, half_u, half_v } = &mut s.lights[0].shape {
+                (*center, *half_u, *half_v) = (Vec3::new(-6.0, 0.0, 8.0), Vec3::X, Vec3::Y);
+            }
+        }),
+    ));
+    cases.push(case(
+        "a light hangs over the pad",
+        Due::Picture,
+        changed(|s| {
+            if let LightShape::Rectangle { center, half_u, half_v } = &mut s.lights[1].shape {
+                (*center, *half_u, *half_v) = (Vec3::new(7.0, 4.0, 10.0), Vec3::Y, Vec3::X);
+            }
+        }),
+    ));
+    cases.push(case(
+        "no light shines",
+        Due::Picture,
+        changed(|s| s.lights.iter_mut().for_each(|l| l.radiance = Vec3::ZERO)),
+    ));
+}
+
+/// Albedos, sizes, meshes and scenes at their ends.
+fn extremes(cases: &mut Vec<Case>) {
+    let grey = |s: &mut Scene, role: Role, albedo: f32| {
+        s.surfaces
+            .iter_mut()
+            .filter(|s| s.role == role)
+            .for_each(|s| s.material = Material::Lambert { albedo: Albedo::grey(albedo) });
+    };
+    cases.push(case("a black pad", Due::Picture, changed(move |s| grey(s, Role::Pad, 0.0))));
+    cases.push(case("a white pad", Due::Picture, changed(move |s| grey(s, Role::Pad, 1.0))));
+    cases.push(case("black walls", Due::Picture, changed(move |s| grey(s, Role::Housing, 0.0))));
+    cases.push(case(
+        "a closed white box",
+        Due::Refusal,
+        changed(move |s| {
+            grey(s, Role::Pad, 1.0);
+            grey(s, Role::Housing, 1.0);
+        }),
+    ));
+    cases.push(case("one event", Due::Picture, changed(|s| s.max_events = 1)));
+    cases.push(case("the pad reaches into the plate", Due::Refusal, |s| {
+        Trial::new(Variant::B, Press::Punch, s.size, LATTICE)
+    }));
+    cases.push(case("the camera is inside the plate", Due::Refusal, |s| {
+        Ok(Trial::new(Variant::B, Press::Sphere, s.size, LATTICE)?.changed(|s| s.camera.origin.z = 2.5))
+    }));
+    cases.push(case("a vertex is not a number", Due::Refusal, |s| {
+        let mut trial = Trial::new(Variant::Ac, Press::Sphere, s.size, LATTICE)?;
+        Arc::make_mut(&mut trial.scene.surfaces[0].mesh).positions[777].z = f32::NAN;
+        Ok(trial)
+    }));
+    cases.push(case(
+        "an empty scene",
+        Due::Refusal,
+        changed(|s| {
+            s.surfaces.clear();
+            s.lights.clear();
+        }),
+    ));
+    cases.push(case(
+        "a pad without extent",
+        Due::Refusal,
+        changed(|s| {
+            Arc::make_mut(&mut s.surfaces[0].mesh).positions.iter_mut().for_each(|p| *p = Vec3::ZERO);
+        }),
+    ));
+    for lattice in [[2, 2], [3, 2], [1001, 501]] {
+        let name = format!("a pad of {} triangles", 2 * (lattice[0] - 1) * (lattice[1] - 1));
+        cases
+            .push(case(name, Due::Picture, move |s| Trial::new(Variant::Ac, Press::Sphere, s.size, lattice)));
+    }
+    for scale in [0.01, 0.5, 3.0, 1000.0] {
+        let name = format!("everything {scale} times as large");
+        cases.push(case(name, Due::Either, move |s| changed(move |s| resized(s, scale))(s)));
+    }
+}
+
+/// Moves a light's lower edge to a height.
+fn at_height(light: &mut Light, z: f32) {
+    if let LightShape::Rectangle { center, half_u, half_v } = &mut light.shape {
+        center.z = z + half_u.z.abs() + half_v.z.abs();
+    }
+}
+
+/// A light `size` times as large and `radiance` times as bright.
+fn scaled(light: &mut Light, size: f32, radiance: f32) {
+    if let LightShape::Rectangle { half_u, half_v, .. } = &mut light.shape {
+        (*half_u, *half_v) = (*half_u * size, *half_v * size);
+    }
+    light.radiance *= radiance;
+}
+
+fn resized(scene: &mut Scene, scale: f32) {
+    for surface in &mut scene.surfaces {
+        let mesh: &mut Mesh = Arc::make_mut(&mut surface.mesh);
+        mesh.positions.iter_mut().for_each(|p| *p *= scale);
+    }
+    for light in &mut scene.lights {
+        if let LightShape::Rectangle { center, half_u, half_v } = &mut light.shape {
+            (*center, *half_u, *half_v) = (*center * scale, *half_u * scale, *half_v * scale);
+        }
+    }
+    scene.camera.origin *= scale;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Some of the cases on small pictures (the command does all of them): each ends well.
+    #[test]
+    fn every_ninth_case_ends_well() {
+        let settings = Settings { size: [32, 24], judge_samples: 16, tolerance: 0.005, every: 9 };
+        let verdicts = run(&settings, |_| {});
+        let bad: Vec<&Verdict> = verdicts.iter().filter(|v| !v.faults.is_empty()).collect();
+        assert!(bad.is_empty() && verdicts.len() > 4, "{bad:#?}");
+    }
+}
