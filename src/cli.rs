@@ -26,6 +26,7 @@ mod relight;
 mod render;
 mod replay;
 mod report;
+mod sessions;
 mod simulate;
 mod status;
 mod stop;

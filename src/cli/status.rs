@@ -7,9 +7,9 @@
 use super::exit::Exit;
 use super::options::RigOptions;
 use super::screen;
-use super::stop::tell_mute;
+use super::sessions::{load_and_find, tell_mute};
 use crate::config::Setup;
-use crate::control::{Found, RigKey, Status, find};
+use crate::control::Status;
 use crate::device::mover::{Mover, Seen};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -30,19 +30,9 @@ pub struct Args {
 impl Args {
     /// Runs the subcommand.
     pub async fn run(self) -> Exit {
-        let setup = match crate::config::load(&self.rig.rig, None, &self.rig.overrides.set) {
-            Ok(setup) => setup,
-            Err(e) => {
-                screen::error(e);
-                return Exit::Refused;
-            }
-        };
-        let found = match find(&RigKey::new(&setup.rig, &self.rig.rig)) {
-            Ok(found) => found,
-            Err(e) => {
-                screen::warning(e);
-                Found::default()
-            }
+        let (setup, found) = match load_and_find(&self.rig) {
+            Ok(both) => both,
+            Err(exit) => return exit,
         };
         if !found.sessions.is_empty() {
             let sessions: Vec<&Status> = found.sessions.iter().map(|s| &s.status).collect();

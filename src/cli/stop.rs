@@ -8,9 +8,10 @@
 use super::exit::Exit;
 use super::options::RigOptions;
 use super::screen;
+use super::sessions::{load_and_find, tell_mute};
 use crate::assemble;
 use crate::config::Setup;
-use crate::control::{Answer, ControlError, Found, Request, RigKey, find};
+use crate::control::{Answer, Found, Request};
 use crate::protocol::StopKind;
 use serde_json::json;
 
@@ -33,20 +34,9 @@ pub struct Args {
 impl Args {
     /// Runs the subcommand.
     pub fn run(self) -> Exit {
-        let setup = match crate::config::load(&self.rig.rig, None, &self.rig.overrides.set) {
-            Ok(setup) => setup,
-            Err(e) => {
-                screen::error(e);
-                return Exit::Refused;
-            }
-        };
-        let found = match find(&RigKey::new(&setup.rig, &self.rig.rig)) {
-            Ok(found) => found,
-            Err(e) => {
-                // What cannot be asked may still be stopped by hand.
-                screen::warning(e);
-                Found::default()
-            }
+        let (setup, found) = match load_and_find(&self.rig) {
+            Ok(both) => both,
+            Err(exit) => return exit,
         };
         if !found.sessions.is_empty() {
             return self.ask(&found);
@@ -63,12 +53,8 @@ impl Args {
             return tell_mute(&found.mute);
         }
         let written = self.write(&setup);
-        if written == Exit::Done {
-            tell_mute(&found.mute)
-        } else {
-            tell_mute(&found.mute);
-            written
-        }
+        let mute = tell_mute(&found.mute);
+        if written == Exit::Done { mute } else { written }
     }
 
     /// Asks every session of this rig.
@@ -132,10 +118,4 @@ impl Args {
         }
         exit
     }
-}
-
-/// Sessions that do not answer may be this rig's: that is no success.
-pub(super) fn tell_mute(mute: &[ControlError]) -> Exit {
-    mute.iter().for_each(screen::error);
-    if mute.is_empty() { Exit::Done } else { Exit::Failed }
 }

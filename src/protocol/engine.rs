@@ -15,6 +15,7 @@
 mod exchange;
 mod plan;
 mod position;
+mod settle;
 mod task;
 mod terms;
 #[cfg(test)]

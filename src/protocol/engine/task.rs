@@ -1,8 +1,9 @@
 //! Sequences: procedures of the protocol file, moves, and waiting for the end of motion.
 //!
 //! One task runs at a time. Its steps come from a closed set of verbs: send a command, send
-//! real-time bytes, wait for a class of reply, wait for a state, sleep, wait for the end of motion.
+//! real-time bytes, wait for a class of reply, wait for a state, sleep, wait for the end of motion ([`super::settle`]).
 
+use super::settle::Settle;
 use super::*;
 
 /// One verb with its wait.
@@ -48,27 +49,14 @@ enum Wait {
 
 /// Rounds of questions about the state.
 #[derive(Debug)]
-struct Asking {
-    due: Timestamp,
+pub(super) struct Asking {
+    pub(super) due: Timestamp,
     /// When to look again: `due`, or later while the last question is still unanswered or the device mute.
-    look: Timestamp,
-    tickets: Vec<Ticket>,
+    pub(super) look: Timestamp,
+    pub(super) tickets: Vec<Ticket>,
     /// Count of state reports when the last question was sent.
-    reports: u64,
-    asked: bool,
-}
-
-#[derive(Debug)]
-struct Settle {
-    stall: Duration,
-    ask: Asking,
-    idle_in_a_row: u32,
-    last: Vec<Option<f64>>,
-    last_state: Option<MotionState>,
-    progress: Timestamp,
-    answered: Timestamp,
-    /// When the positions are asked for, too, where the answers about the state do not hold them.
-    look_where: Timestamp,
+    pub(super) reports: u64,
+    pub(super) asked: bool,
 }
 
 /// A sequence that runs.
@@ -305,16 +293,7 @@ impl Engine {
                     self.exchange.submit(ticket, &name, None, self.device_fields(Fields::new()), None)?;
                     Some(Wait::Reply(ticket))
                 }
-                _ => Some(Wait::Settle(Settle {
-                    stall: *stall,
-                    ask: self.asking(now),
-                    idle_in_a_row: 0,
-                    last: Vec::new(),
-                    last_state: None,
-                    progress: now,
-                    answered: now,
-                    look_where: now.after(stall.div_f64(LOOKS_A_STALL)),
-                })),
+                _ => Some(Wait::Settle(self.settle(*stall, now))),
             },
             Act::AskPositions => {
                 let mut tickets = Vec::new();
@@ -335,12 +314,12 @@ impl Engine {
         })
     }
 
-    fn asking(&self, now: Timestamp) -> Asking {
+    pub(super) fn asking(&self, now: Timestamp) -> Asking {
         Asking { due: now, look: now, tickets: Vec::new(), reports: self.state_reports, asked: false }
     }
 
     /// Asks for the state when a question is due and the last one is answered.
-    fn ask(&mut self, ask: &mut Asking, now: Timestamp) {
+    pub(super) fn ask(&mut self, ask: &mut Asking, now: Timestamp) {
         // A question every few milliseconds of wall time is enough, however fast bench time runs.
         let period = Duration::from_millis(self.spec.done.period_ms)
             .max(Duration::from_millis(5).mul_f64(self.patience));
@@ -445,105 +424,10 @@ impl Engine {
         };
         name == names && sub.is_none_or(|s| self.sub_state.as_deref() == Some(s))
     }
-
-    /// Whether motion has ended: fresh answers that say so, several in a row where the file asks it.
-    fn check_settle(
-        &mut self,
-        settle: &mut Settle,
-        answers: &mut VecDeque<(Ticket, Outcome)>,
-        now: Timestamp,
-    ) -> Check {
-        if let Some(failure) = self.flag_failure.take() {
-            return Check::Failed(failure);
-        }
-        // The device says that it has arrived: ask at once whether that is so.
-        if let Some(event) = &self.spec.done.event
-            && let Some(at) = self.classes_seen.iter().position(|r| r.class == *event)
-        {
-            self.classes_seen.remove(at);
-            (settle.ask.due, settle.ask.look) = (now, now);
-        }
-        let (all_answered, replies, failed) = take_answers(&mut settle.ask, answers);
-        if let Some(failure) = failed {
-            return Check::Failed(failure);
-        }
-        let field = self.spec.done.field.clone();
-        let index = field.and_then(|f| replies.iter().find_map(|r| r.fields.get(&f).and_then(Value::as_i64)));
-        if settle.ask.asked && self.spec.done.method == DoneMethod::QueueIndex {
-            if let (Some(now_at), Some(wanted)) = (index, self.queue_index)
-                && now_at >= wanted
-            {
-                return Check::Met;
-            }
-            if index.is_some() {
-                settle.answered = now;
-            }
-        } else if settle.ask.asked && all_answered && self.state_reports > settle.ask.reports {
-            settle.ask.reports = self.state_reports;
-            settle.ask.asked = false;
-            settle.answered = now;
-            match self.state() {
-                Some(MotionState::Idle) => settle.idle_in_a_row += 1,
-                Some(MotionState::Alarm) => {
-                    return Check::Failed(Failure::Alarm {
-                        code: "state".to_owned(),
-                        text: "the device is locked by an alarm; home it".to_owned(),
-                        trust: Trust::Lost,
-                        recover: None,
-                    });
-                }
-                state => {
-                    settle.idle_in_a_row = 0;
-                    if state != settle.last_state {
-                        settle.progress = now;
-                    }
-                    settle.last_state = state;
-                }
-            }
-            if settle.idle_in_a_row >= self.spec.done.confirm_n {
-                return Check::Met;
-            }
-        }
-        // Progress is a position that changes: an answer alone is none.
-        let here: Vec<Option<f64>> = self.positions().iter().map(|r| r.map(|r| r.value)).collect();
-        if here != settle.last {
-            settle.last = here;
-            settle.progress = now;
-        }
-        let silence = settle.stall.max(Duration::from_millis(2000)).mul_f64(self.patience);
-        if now.since(settle.answered) >= silence && !self.is_silent() {
-            return Check::Failed(Failure::NoReply {
-                what: "questions about the state".to_owned(),
-                waited: silence,
-            });
-        }
-        let stalled = now.since(settle.progress) >= settle.stall.mul_f64(self.patience.max(1.0));
-        let may_move =
-            settle.last_state == Some(MotionState::Moving) || self.spec.done.method == DoneMethod::QueueIndex;
-        if stalled && may_move && settle.idle_in_a_row == 0 {
-            return Check::Failed(Failure::Stalled { stall: settle.stall });
-        }
-        let asked_before = settle.ask.tickets.len();
-        self.ask(&mut settle.ask, now);
-        if settle.ask.tickets.len() > asked_before && now >= settle.look_where {
-            settle.look_where = now.after(settle.stall.div_f64(LOOKS_A_STALL));
-            let name = self.spec.position.command.clone();
-            for (name, axis, fields) in name.map_or_else(Vec::new, |name| self.addresses(&name)) {
-                let ticket = self.ticket();
-                if self.exchange.submit(ticket, &name, axis, fields, None).is_ok() {
-                    settle.ask.tickets.push(ticket);
-                }
-            }
-        }
-        Check::Waiting
-    }
 }
 
-/// How often the positions are asked for in the time after which a device without progress has stalled.
-const LOOKS_A_STALL: f64 = 4.0;
-
 /// Books the answers to questions: whether none is open, what they carried, whether one failed.
-fn take_answers(
+pub(super) fn take_answers(
     ask: &mut Asking,
     answers: &mut VecDeque<(Ticket, Outcome)>,
 ) -> (bool, Vec<Reply>, Option<Failure>) {
@@ -563,7 +447,7 @@ enum Progress {
     Ended(Outcome),
 }
 
-enum Check {
+pub(super) enum Check {
     Waiting,
     Met,
     Failed(Failure),
