@@ -16,11 +16,13 @@
 //!
 //! What this module never does: open a device, or print.
 
+mod agree;
 mod builtin;
 mod check_report;
 pub mod document;
 pub mod edit;
 mod gather;
+mod indenter_file;
 mod load;
 pub mod lookup;
 mod protocol_file;
@@ -32,6 +34,7 @@ mod suggest;
 pub mod tree;
 
 pub use check_report::CheckReport;
+pub use indenter_file::shipped_indenters;
 pub use load::{IndenterConfig, PlanSetup, Setup, check, load};
 pub use lookup::{Kind, SourceFile};
 pub use protocol_file::{ProtocolFile, protocol, protocol_file, shipped_protocols};

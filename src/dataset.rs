@@ -47,7 +47,7 @@ use std::sync::Mutex;
 pub enum Error {
     /// The system refused to write.
     #[error(
-        "cannot write {path}: {why}; nothing that was stored is lost: make room or mend permissions, then resume"
+        "cannot write {path}: {why}; nothing that was stored is lost: make room or mend permissions and resume, or choose another folder"
     )]
     Write {
         /// The file or folder.
@@ -121,7 +121,7 @@ pub enum Error {
     },
     /// The dataset was begun with something else.
     #[error(
-        "{dataset} belongs to another {what}: it has {has}, this run has {wants}; use the files it was begun with (dataset.json holds them verbatim) or choose another --out"
+        "{dataset} was begun with {what}: it has {has}, this run has {wants}; use the files it was begun with (dataset.json holds them verbatim) or choose another --out"
     )]
     Belongs {
         /// The folder.
@@ -192,8 +192,12 @@ pub struct Row {
 impl Dataset {
     /// Begins a dataset in a folder that is empty or does not exist.
     pub fn create(root: &Path, provenance: Provenance, trajectory: &Trajectory) -> Result<Dataset, Error> {
+        let holds_nothing = || Self::open(root).is_ok_and(|dataset| dataset.holds_nothing());
         if root.join("dataset.json").exists() {
-            return Err(Error::Exists { path: root.to_owned() });
+            if !holds_nothing() {
+                return Err(Error::Exists { path: root.to_owned() });
+            }
+            return Self::begin_anew(root, provenance, trajectory);
         }
         std::fs::create_dir_all(root).map_err(|e| Error::write(root, &e))?;
         let occupied = std::fs::read_dir(root)
@@ -203,7 +207,28 @@ impl Dataset {
         if occupied {
             return Err(Error::NotADataset { path: root.to_owned() });
         }
+        Self::begin(root, provenance, trajectory, lock(root)?)
+    }
+
+    /// Takes over a folder in which a run ended before its first capture, whatever rig and plan it had. Its
+    /// logs stay.
+    fn begin_anew(root: &Path, provenance: Provenance, trajectory: &Trajectory) -> Result<Dataset, Error> {
         let lock = lock(root)?;
+        atomic::sweep(root)?;
+        // Pictures of an untouched sensor that may be another one.
+        let background = root.join("background");
+        match std::fs::remove_dir_all(&background) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::write(&background, &e)),
+            _ => Self::begin(root, provenance, trajectory, lock),
+        }
+    }
+
+    fn begin(
+        root: &Path,
+        provenance: Provenance,
+        trajectory: &Trajectory,
+        lock: File,
+    ) -> Result<Dataset, Error> {
         let json = |value: serde_json::Result<Vec<u8>>| {
             value.map_err(|e| Error::Encode { what: "provenance", why: e.to_string() })
         };
@@ -284,6 +309,16 @@ impl Dataset {
     /// Whether no capture of either side is stored yet.
     pub fn is_untouched(&self) -> bool {
         locked(&self.real).lines().is_empty() && locked(&self.sim).lines().is_empty()
+    }
+
+    /// Whether nothing would be lost if it were begun anew: no line in a journal, not even a damaged one, and
+    /// no picture.
+    pub fn holds_nothing(&self) -> bool {
+        let is_empty = |side: &str| {
+            std::fs::metadata(journal_path(&self.root, side)).map_or(true, |journal| journal.len() == 0)
+        };
+        let has_data = std::fs::read_dir(self.root.join("data")).is_ok_and(|mut d| d.next().is_some());
+        is_empty("real") && is_empty("sim") && !has_data
     }
 
     /// Captures whose real side is stored.

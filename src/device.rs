@@ -6,6 +6,7 @@
 
 pub mod byte_log;
 pub mod camera;
+pub mod kinematics;
 pub mod link;
 pub mod mover;
 pub mod port;

@@ -10,6 +10,7 @@
 //! the frame is the pad frame of [`crate::pose`]. This module never knows optics, files or the rig.
 
 pub mod capture;
+mod interrupt;
 pub mod material;
 pub mod mpm;
 pub mod pad;
@@ -26,6 +27,7 @@ pub use settings::{Friction, Mode, Settings};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// A pad at rest with the indenter at `start`, solved as the settings say.
 ///
@@ -67,11 +69,18 @@ pub trait Elastomer: Send {
 
     /// A copy of the present state, so that paths with a common beginning share it.
     fn fork(&self) -> Box<dyn Elastomer>;
+
+    /// From now on [`advance`](Self::advance) ends with [`Error::Interrupted`] soon after the flag is set.
+    /// Copies inherit it.
+    fn interrupt_by(&mut self, flag: Arc<AtomicBool>);
 }
 
 /// Why a pad could not be simulated. Every message says what to change.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
+    /// Somebody asked for the end.
+    #[error("interrupted on the way to a waypoint")]
+    Interrupted,
     /// The relative-rest loop or the explicit step blew up.
     #[error(
         "the {mode} step diverged at step {step} (t = {time_s:.6} s, particle {particle}): {what}; lower elastomer.dt_s, raise elastomer.rest_threshold, or use elastomer.mode = \"quasi_static\""

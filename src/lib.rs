@@ -29,7 +29,7 @@
 //! | 1a | [`indenter`] [`image`] | shapes and pictures |
 //! | 1b | [`motion`] [`protocol`] [`elastomer`] [`optics`] | pure domains: no I/O, no waiting |
 //! | 2 | [`plan`] [`device`] [`dataset`] | uses of the domains |
-//! | 3a | [`session`] [`twin`] [`pairing`] | activities |
+//! | 3a | [`session`] [`twin`] [`pairing`] [`trial`] | activities |
 //! | 3b | [`collection`] | session and twin at once, into a dataset |
 //! | 4a | [`config`] | files to checked values |
 //! | 4b | [`assemble`] | checked values to devices and a twin |
@@ -72,6 +72,7 @@ pub mod plan;
 // Layer 3a: activities.
 pub mod pairing;
 pub mod session;
+pub mod trial;
 pub mod twin;
 // Layer 3b: whole collections.
 pub mod collection;

@@ -23,7 +23,7 @@ pub mod expand;
 pub mod file;
 pub mod footprint;
 
-pub use check::{Fence, RigFences, check};
+pub use check::{Fence, RigFences, check, check_axes};
 pub use direction::SpinDirection;
 pub use estimate::Estimate;
 pub use expand::expand;

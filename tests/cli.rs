@@ -163,6 +163,47 @@ fn what_is_wrong_is_refused_with_code_2_and_nothing_is_made() {
 }
 
 #[test]
+fn a_tip_below_the_contact_is_not_moved_sideways_unasked() {
+    const ABOVE: &str = "devices.arm.axes.z.approach={ from = \"above\", distance = 0.05 }";
+    // With this sign the home switch of the press axis lies 40 mm below the contact.
+    let low = ["move", VIRTUAL, "--home", "--speed", "50", "--set", "motion.z.sign=1", "--set", ABOVE];
+    let output = run(&[&low[..], &["--x", "1"]].concat());
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("z = -40.000 mm") && said.contains("--press"), "{said}");
+    // Lifted first, and sideways up there.
+    let output = run(&[&low[..], &["--x", "1", "--z", "5"]].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).starts_with("x 1.000 y "), "{}", text(&output.stdout));
+}
+
+#[test]
+fn a_simulation_that_is_stopped_leaves_its_account() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().to_str().expect("a path");
+    let slip = "rig_configs/plans/slip.toml";
+    let coarse = "elastomer.tolerance=0.1";
+    let arguments = ["simulate", VIRTUAL, slip, "--out", out, "--surface", "--set", coarse];
+    let mut child = twinrig(&arguments).spawn().expect("starts");
+    let account = folder.path().join("captures.jsonl");
+    let read = || std::fs::read_to_string(&account).unwrap_or_default();
+    wait_for("the first capture", || read().ends_with('\n').then_some(()));
+    let begun = Instant::now();
+    send("INT", &child);
+    let status = ends(&mut child);
+    assert_eq!(status.code(), Some(130));
+    // The rest of the plan takes minutes; the ear is open at every step of the solver.
+    assert!(begun.elapsed() < Duration::from_secs(20), "{:?}", begun.elapsed());
+    let lines: Vec<serde_json::Value> =
+        read().lines().map(|l| serde_json::from_str(l).expect("a whole line")).collect();
+    assert!(!lines.is_empty() && lines.len() < 48, "{}", lines.len());
+    for line in lines {
+        let surface = format!("surface/{:06}.npy", line["capture"].as_u64().expect("a number"));
+        assert!(folder.path().join(surface).exists(), "{line}");
+    }
+}
+
+#[test]
 fn a_dry_run_prints_the_bytes_and_touches_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("set");

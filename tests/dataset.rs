@@ -240,6 +240,7 @@ fn another_plan_or_a_second_writer_is_refused() {
     let first = Dataset::create(&root, asked.clone(), &trajectory).expect("creates");
     let locked = Dataset::resume(&root, &asked).expect_err("locked").to_string();
     assert!(locked.contains("being written by another process"), "{locked}");
+    collect(&first).expect("stores");
     drop(first);
     let mut other = asked.clone();
     other.trajectory_hash = "f".repeat(64);
@@ -247,4 +248,26 @@ fn another_plan_or_a_second_writer_is_refused() {
     assert!(refused.contains("another trajectory") && refused.contains("ffffffffffff"), "{refused}");
     let again = Dataset::create(&root, asked, &trajectory).expect_err("exists").to_string();
     assert!(again.contains("--resume"), "{again}");
+}
+
+#[test]
+fn a_folder_in_which_nothing_was_captured_is_begun_anew_with_other_files() {
+    let trajectory = trajectory();
+    let asked = provenance(&trajectory);
+    let folder = tempfile::tempdir().expect("a folder");
+    let root = folder.path().join("set");
+    let first = Dataset::create(&root, asked.clone(), &trajectory).expect("creates");
+    first.put_background("background-000", b"of another sensor").expect("stores");
+    drop(first);
+    let other = Provenance { rig: "another bench".to_owned(), ..asked.clone() };
+    let second = Dataset::create(&root, other, &trajectory).expect("nothing is lost by it");
+    assert_eq!(
+        (second.provenance().rig.as_str(), second.background("background-000")),
+        ("another bench", None)
+    );
+    drop(second);
+    // A journal that cannot be read is no empty journal.
+    std::fs::write(root.join("journal/real.ndjson"), "torn").expect("writes");
+    let refused = Dataset::create(&root, asked, &trajectory).expect_err("something is there").to_string();
+    assert!(refused.contains("--resume"), "{refused}");
 }

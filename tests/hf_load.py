@@ -17,15 +17,20 @@ def main(folder: str) -> None:
         assert split.num_rows > 0, f"split {name} is empty"
         rows += split.num_rows
         row = split[0]
-        for column in ("real", "sim"):
+        sides = [column for column in ("real", "sim") if column in split.column_names]
+        assert sides, "there is neither a real nor a simulated side"
+        for column in sides:
             assert row[column].mode == "RGB", f"{column} has mode {row[column].mode}"
+        assert row["capture"] is not None and row["pair_id"], "a row has no identity"
+        if "sim" not in sides:
+            print(f"{name}: {split.num_rows} rows of the real side alone, {len(split.column_names)} columns")
+            continue
         depth = numpy.asarray(row["depth"])
         assert depth.dtype == numpy.float32, f"depth is {depth.dtype}"
         assert numpy.isfinite(depth).all() and depth.min() > -10, "depth is no height in mm"
         contact = numpy.asarray(row["contact_mask"])
         assert row["contact_mask"].mode == "L" and set(numpy.unique(contact)) <= {0, 255}, "the contact is no mask"
         assert contact.shape == depth.shape, "mask and depth differ in size"
-        assert row["capture"] is not None and row["pair_id"], "a row has no identity"
         print(f"{name}: {split.num_rows} rows, {len(split.column_names)} columns, depth from {depth.min():.3f} to {depth.max():.3f} mm")
     print(f"{rows} rows in all")
 

@@ -9,7 +9,7 @@ const RUNGS: &[(&str, &[&str])] = &[
     ("1a shapes and images", &["image", "indenter"]),
     ("1b pure domains", &["elastomer", "motion", "optics", "protocol"]),
     ("2 uses", &["calibrate", "dataset", "device", "plan"]),
-    ("3a activities", &["pairing", "session", "twin"]),
+    ("3a activities", &["pairing", "session", "trial", "twin"]),
     ("3b whole collections", &["collection", "resim"]),
     ("4a configuration", &["config"]),
     ("4b assembly", &["assemble"]),

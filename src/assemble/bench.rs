@@ -101,7 +101,7 @@ pub async fn bench(setup: &Setup, options: &BenchOptions, stop: StopSwitch) -> R
         return Err(BenchError::RealTimeOnly { speed, rig: rig.name.clone() });
     }
     let clock = Clock::with_speed(speed);
-    let world = rig.world.map(|w| World::new(rig.motion.clone(), w.contact_offset_mm));
+    let world = rig.world.map(|w| World::with_arms(rig.motion.clone(), rig.arms(), w.contact_offset_mm));
     let mut emulators = JoinSet::new();
     let mut movers = BTreeMap::new();
     for (device, settings) in &rig.devices {
@@ -268,6 +268,9 @@ const DEFAULT_MM_PER_PX: f64 = 18.0 / 640.0;
 
 /// The camera of a setup without its movers: what a single picture needs.
 pub async fn camera_alone(setup: &Setup, clock: Clock) -> Result<Box<dyn Camera>, CameraError> {
-    let world = setup.rig.world.map(|w| World::new(setup.rig.motion.clone(), w.contact_offset_mm));
+    let world = setup
+        .rig
+        .world
+        .map(|w| World::with_arms(setup.rig.motion.clone(), setup.rig.arms(), w.contact_offset_mm));
     camera(&setup.rig, setup.sensor.as_ref().map(|s| &s.optics), world.as_ref(), clock).await
 }

@@ -1,6 +1,7 @@
 //! `twinrig bench`: how fast it is, measured on this machine. One file for each benchmark.
 
 mod distribution;
+mod elastomer;
 mod load;
 mod optics;
 mod optics_plot;
@@ -9,10 +10,10 @@ mod stop;
 
 use super::exit::Exit;
 
-/// Measure this machine: stops, sessions, the optics
+/// Measure this machine: stops, sessions, elastomer, optics
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  twinrig bench stop\n  twinrig bench session --json\n  twinrig bench optics --out bench/optics"
+    after_help = "Examples:\n  twinrig bench stop\n  twinrig bench session --json\n  twinrig bench elastomer --quick\n  twinrig bench optics --out bench/optics"
 )]
 pub struct Args {
     #[command(subcommand)]
@@ -24,6 +25,7 @@ pub struct Args {
 pub enum What {
     Stop(stop::Args),
     Session(session::Args),
+    Elastomer(elastomer::Args),
     Optics(optics::Args),
 }
 
@@ -33,6 +35,7 @@ impl Args {
         match self.what {
             What::Stop(args) => args.run().await,
             What::Session(args) => args.run().await,
+            What::Elastomer(args) => args.run(),
             What::Optics(args) => args.run(),
         }
     }

@@ -18,9 +18,10 @@ use crate::dataset::{self, Dataset};
 use crate::device::virtual_bench::World;
 use crate::session::perform::Operator;
 use crate::session::{Session, StopSwitch};
+use indicatif::ProgressBar;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use tokio::sync::mpsc::UnboundedReceiver;
 
 /// Perform a plan, simulate it, and store the paired dataset
@@ -118,7 +119,7 @@ impl Args {
         // The dataset comes first: what does not belong is refused before anything is opened.
         let asked = assemble::provenance(setup)?;
         let dataset = match (self.resume, self.out.join("dataset.json").exists()) {
-            (true, true) => {
+            (true, true) if !Dataset::open(&self.out)?.holds_nothing() => {
                 let (dataset, damaged) = Dataset::resume(&self.out, &asked)?;
                 if !damaged.is_empty() {
                     screen::warning(format_args!("captures {damaged:?} were damaged and are done again"));
@@ -126,11 +127,7 @@ impl Args {
                 dataset
             }
             _ if self.sim_only => Dataset::resume(&self.out, &asked)?.0,
-            // A run that failed before its first capture leaves a dataset that holds nothing.
-            (false, true) if Dataset::open(&self.out)?.is_untouched() => {
-                Dataset::resume(&self.out, &asked)?.0
-            }
-            _ => Dataset::create(&self.out, asked, &plan.trajectory)?,
+            _ => Dataset::create(&self.out, asked, &plan.trajectory).map_err(CollectError::Begin)?,
         };
         let dataset = Arc::new(dataset);
         if let Some(bytes) = dataset.background(BACKGROUND)
@@ -234,7 +231,10 @@ pub(super) fn operator(plan: &PlanSetup, world: Option<World>, yes: bool) -> Ope
     })
 }
 
-/// Shows progress until there is none any more.
+/// Without a terminal, how often a line tells how far it is.
+const TOLD_EVERY: Duration = Duration::from_secs(10);
+
+/// Shows progress until there is none any more: bars on a terminal, now and then a line elsewhere.
 async fn watch(
     mut progress: UnboundedReceiver<Progress>,
     captures: u64,
@@ -248,11 +248,27 @@ async fn watch(
     let bars = screen::bars();
     let bar = |label, done: Option<u64>| done.map(|d| screen::bar(&bars, label, captures).with_position(d));
     let (real, sim) = (bar("real", real), bar("simulated", sim));
-    let note = |text: String| match bars.is_hidden() {
-        true => screen::note(text),
-        false => bars.suspend(|| screen::note(text)),
+    let sides: Vec<&ProgressBar> = real.iter().chain(&sim).collect();
+    let is_terminal = !bars.is_hidden();
+    let note = |text: String| match is_terminal {
+        false => screen::note(text),
+        true => bars.suspend(|| screen::note(text)),
     };
-    while let Some(event) = progress.recv().await {
+    let mut tick = tokio::time::interval(TOLD_EVERY);
+    let mut told = Vec::new();
+    loop {
+        let event = tokio::select! {
+            event = progress.recv() => event,
+            _ = tick.tick(), if !is_terminal => {
+                let now: Vec<u64> = sides.iter().map(|b| b.position()).collect();
+                if now != told {
+                    note(screen::progress_line(&sides));
+                    told = now;
+                }
+                continue;
+            }
+        };
+        let Some(event) = event else { break };
         match event {
             Progress::Note(text) => note(text),
             Progress::Indenter(name) => {
@@ -338,6 +354,9 @@ enum CollectError {
         "{rig} is a real bench and nobody is at the terminal to confirm indenters; mount them and add --yes, or run it in a terminal"
     )]
     NobodyThere { rig: String },
+    /// No dataset could be begun, so nothing was.
+    #[error(transparent)]
+    Begin(dataset::Error),
     #[error(transparent)]
     Dataset(#[from] dataset::Error),
     #[error(transparent)]
@@ -361,6 +380,7 @@ impl CollectError {
         match self {
             CollectError::NoPlan
             | CollectError::NobodyThere { .. }
+            | CollectError::Begin(_)
             | CollectError::Provenance(_)
             | CollectError::Background { .. } => true,
             CollectError::Dataset(e) => {

@@ -92,7 +92,7 @@ impl Args {
             if let Some([low, high]) = range.filter(|[low, high]| !(*low..=*high).contains(&value)) {
                 let name = coordinate.name();
                 screen::error(format_args!(
-                    "--{name} {value:?} is outside {low} to {high}, what the axis of this rig allows; nothing was moved"
+                    "--{name} {value:?} is outside {low} to {high}, what the axis of this rig allows; choose a value inside; nothing was moved"
                 ));
                 return Exit::Refused;
             }
@@ -114,11 +114,23 @@ impl Args {
                 self.z.unwrap_or(from.z_mm),
                 self.theta.unwrap_or(from.theta_deg),
             );
+            // After a stop, or where a home switch lies low: sideways would drag whatever is touched.
+            if self.z.is_none() && to.z_mm < SURFACE_MM && !self.press {
+                return Ok(Some(to.z_mm));
+            }
             bench.go(&to, Feeds { mm_s: self.feed, deg_s: self.turn }).await?;
             show(&whereabouts(bench).await?, self.json);
-            Ok(())
+            Ok(None)
         };
-        let moved = moved.await;
-        at.finish(moved)
+        match moved.await {
+            Ok(Some(z_mm)) => {
+                screen::error(format_args!(
+                    "the tip is at z = {z_mm:.3} mm, below the nominal contact, and would be dragged sideways: lift it first (e.g. --z 5), or add --press if that is meant; it was not moved"
+                ));
+                Exit::Failed
+            }
+            Ok(None) => at.finish(Ok(())),
+            Err(e) => at.finish(Err(e)),
+        }
     }
 }

@@ -26,7 +26,8 @@ pub struct RigAndPlan {
 /// Settings overridden on the command line.
 #[derive(Debug, Clone, Args)]
 pub struct Overrides {
-    /// Override a setting of the rig file, e.g. --set elastomer.tolerance=0.002 (may be repeated)
+    /// Override a setting (may be repeated): a key of the rig file, or of the plan or the sensor after plan. or
+    /// sensor., e.g. --set elastomer.tolerance=0.002 --set plan.repeats=2
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
 }

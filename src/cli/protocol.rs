@@ -106,12 +106,12 @@ fn list(json: bool) -> Exit {
         return Exit::Done;
     }
     screen::result(format_args!(
-        "{:<24} {:<16} {:<8} {:<14} {:<12} {:>7} {:>9}",
+        "{:<24} {:<18} {:<8} {:<14} {:<12} {:>7} {:>9}",
         "name", "vendor", "framing", "flow", "end of move", "vectors", "dialogues"
     ));
     for l in &listed {
         screen::result(format_args!(
-            "{:<24} {:<16} {:<8} {:<14} {:<12} {:>7} {:>9}",
+            "{:<24} {:<18} {:<8} {:<14} {:<12} {:>7} {:>9}",
             l.name,
             l.vendor,
             l.framing,

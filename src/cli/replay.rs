@@ -11,9 +11,9 @@
 use super::exit::Exit;
 use super::screen;
 use crate::config;
-use crate::device::byte_log::older_part;
+use crate::device::byte_log::whole;
 use crate::device::replay::{self, Step, Story, Told};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Steps that are shown before a difference.
 const CONTEXT: usize = 12;
@@ -67,16 +67,6 @@ impl Args {
             None => format!("{e}\n    the log names protocol {name}: give its file with --protocol"),
         })?;
         replay::replay(&text, &spec).map_err(wrong)
-    }
-}
-
-/// A log with the part before it, where it was rotated.
-fn whole(log: &Path) -> std::io::Result<String> {
-    let text = std::fs::read_to_string(log)?;
-    let continued = replay::header(&text).is_ok_and(|h| h.continued);
-    match std::fs::read_to_string(older_part(log)) {
-        Ok(older) if continued => Ok(older + &text),
-        _ => Ok(text),
     }
 }
 

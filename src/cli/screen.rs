@@ -6,7 +6,7 @@
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "this is the module that prints")]
 
 use console::style;
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressStyle};
 use std::io::Write;
 
 /// Prints a line of the result. A closed pipe (`| head`) is no error.
@@ -50,6 +50,20 @@ pub fn bar(group: &MultiProgress, label: &'static str, length: u64) -> ProgressB
     let bar = group.add(ProgressBar::new(length)).with_style(style).with_prefix(label);
     bar.enable_steady_tick(std::time::Duration::from_millis(250));
     bar
+}
+
+/// Where bars stand, in one line: `real 12/48, 31 s left; simulated 8/48, 2 min left`.
+pub fn progress_line(bars: &[&ProgressBar]) -> String {
+    let one = |bar: &&ProgressBar| {
+        let (done, all) = (bar.position(), bar.length().unwrap_or_default());
+        let left = if (1..all).contains(&done) {
+            format!(", {} left", HumanDuration(bar.eta()))
+        } else {
+            String::new()
+        };
+        format!("{} {done}/{all}{left}", bar.prefix())
+    };
+    bars.iter().map(one).collect::<Vec<_>>().join("; ")
 }
 
 /// Paints lines over the ones painted before, `over` of them, in the place where the cursor is. For displays that

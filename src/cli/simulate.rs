@@ -18,7 +18,8 @@ use crate::session::{StopLevel, StopSwitch};
 use crate::twin::branches::grow;
 use crate::twin::{Deformed, Outcome, Picture, Twin, Walk, Wear};
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -104,7 +105,7 @@ impl Args {
         }
     }
 
-    fn simulate(&self, setup: &Setup, cancel: &AtomicBool) -> Result<Summary, SimulateError> {
+    fn simulate(&self, setup: &Setup, cancel: &Arc<AtomicBool>) -> Result<Summary, SimulateError> {
         let begun = Instant::now();
         let plan = setup.plan.as_ref().ok_or(SimulateError::NoPlan)?;
         let trajectory = &plan.trajectory;
@@ -125,7 +126,8 @@ impl Args {
         self.clear_earlier()?;
         let bars = screen::bars();
         let bar = screen::bar(&bars, "simulated", wanted.len() as u64);
-        let mut lines: BTreeMap<u32, String> = BTreeMap::new();
+        let path = self.out.join("captures.jsonl");
+        let mut account = Account::begin(&path)?;
         let (mut failed, mut failure) = (0, None);
         let mut emit = |outcome: Outcome| -> bool {
             match outcome {
@@ -135,9 +137,11 @@ impl Args {
                     bar.suspend(|| screen::warning(format_args!("captures {captures:?}: {error}")));
                     for capture in captures {
                         let line = serde_json::json!({ "capture": capture, "status": "failed", "error": error.to_string() });
-                        lines.insert(capture, line.to_string());
+                        if let Err(e) = account.add(capture, line.to_string()) {
+                            failure = Some(e);
+                        }
                     }
-                    true
+                    failure.is_none()
                 }
                 Outcome::Deformed(deformed) => {
                     let mut store = || -> Result<(), SimulateError> {
@@ -162,7 +166,7 @@ impl Args {
                                     depth::encode(w, h, &picture.depth_mm)?,
                                 )?;
                             }
-                            lines.insert(*capture, line(trajectory, *capture, &deformed, picture.as_ref()));
+                            account.add(*capture, line(trajectory, *capture, &deformed, picture.as_ref()))?;
                             bar.inc(1);
                         }
                         Ok(())
@@ -179,10 +183,8 @@ impl Args {
         if let Some(e) = failure {
             return Err(e);
         }
-        let simulated = lines.len() - failed;
-        let mut text: String = lines.into_values().collect::<Vec<_>>().join("\n");
-        text.push('\n');
-        write(self.out.join("captures.jsonl"), text.into_bytes())?;
+        let simulated = account.lines.len() - failed;
+        account.sort()?;
         let seconds = begun.elapsed().as_secs_f64();
         Ok(Summary { out: self.out.clone(), captures: wanted.len(), simulated, failed, is_complete, seconds })
     }
@@ -235,6 +237,36 @@ impl Args {
     }
 }
 
+/// `captures.jsonl`: a line is there as soon as its capture is, and in the end they are in order.
+struct Account {
+    path: PathBuf,
+    file: std::fs::File,
+    lines: BTreeMap<u32, String>,
+}
+
+impl Account {
+    fn begin(path: &Path) -> Result<Self, SimulateError> {
+        let file = std::fs::File::create(path).map_err(|e| unwritten(path, &e))?;
+        Ok(Self { path: path.to_owned(), file, lines: BTreeMap::new() })
+    }
+
+    fn add(&mut self, capture: u32, line: String) -> Result<(), SimulateError> {
+        writeln!(self.file, "{line}").map_err(|e| unwritten(&self.path, &e))?;
+        self.lines.insert(capture, line);
+        Ok(())
+    }
+
+    /// Twins of one walk come in the order of the walk; readers expect that of the plan.
+    fn sort(&self) -> Result<(), SimulateError> {
+        let text: String = self.lines.values().flat_map(|line| [line.as_str(), "\n"]).collect();
+        crate::dataset::atomic::place(&self.path, text.as_bytes(), None).map_err(SimulateError::Dataset)
+    }
+}
+
+fn unwritten(path: &Path, error: &std::io::Error) -> SimulateError {
+    SimulateError::Write { path: path.to_owned(), why: error.to_string() }
+}
+
 /// A line of `captures.jsonl`.
 fn line(trajectory: &Trajectory, capture: u32, deformed: &Deformed, picture: Option<&Picture>) -> String {
     let mark = &trajectory.captures[capture as usize];
@@ -270,6 +302,9 @@ struct Summary {
 impl std::fmt::Display for Summary {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}: {} of {} captures simulated", self.out.display(), self.simulated, self.captures)?;
+        if !self.is_complete {
+            write!(f, ", stopped")?;
+        }
         if self.failed > 0 {
             write!(f, ", {} failed (captures.jsonl says why)", self.failed)?;
         }

@@ -10,7 +10,8 @@ macro_rules! shipped {
     };
 }
 
-const RIGS: &[(&str, &str)] = shipped!("rig_configs": "virtual" "gelsight_printer" "skin_marlin_grbl");
+const RIGS: &[(&str, &str)] =
+    shipped!("rig_configs": "virtual" "gelsight_printer" "servo_arm" "skin_marlin_grbl");
 
 const PLANS: &[(&str, &str)] = shipped!("rig_configs/plans": "press" "slip" "rotate" "small");
 
@@ -22,7 +23,7 @@ const INDENTERS: &[(&str, &str)] = shipped!("rig_configs/indenters":
     "torus" "triangle" "wave1");
 
 const PROTOCOLS: &[(&str, &str)] = shipped!("firmware_protocols":
-    "dobot_magician" "dynamixel2" "feetech_sts" "grbl" "grblhal" "marlin" "newport_smc100" "pi_gcs2"
+    "dobot_magician" "dynamixel2" "dynamixel_p" "feetech_sts" "grbl" "grblhal" "marlin" "newport_smc100" "pi_gcs2"
     "thorlabs_apt" "thorlabs_apt_stepper" "zaber_ascii");
 
 fn all(kind: Kind) -> &'static [(&'static str, &'static str)] {

@@ -65,6 +65,8 @@ pub struct PlanReport {
     pub depths_mm: Vec<f64>,
     /// Moves of each phase.
     pub moves: Vec<(Phase, usize)>,
+    /// Indenters that somebody must mount; none on a virtual bench.
+    pub by_hand: usize,
     /// How the contact zero is known.
     pub contact: Contact,
     /// Hash of the trajectory, as every row of the dataset will carry it.
@@ -90,13 +92,17 @@ impl CheckReport {
         let rig = &setup.rig;
         let mut axes = Vec::new();
         for (device, mover) in &rig.devices {
-            for (name, axis) in &mover.axes {
+            let joints = mover.axes.iter().filter(|_| mover.kinematics.is_some());
+            let of_poses = mover.pose_axes();
+            for (name, axis, is_joint) in
+                of_poses.iter().map(|(n, a)| (n, a, false)).chain(joints.map(|(n, a)| (n, a, true)))
+            {
                 let provides = Coordinate::ALL
                     .into_iter()
                     .find(|c| rig.motion.role(*c).is_some_and(|r| r.device == *device && r.axis == *name));
                 axes.push(AxisReport {
                     axis: format!("{device}.{name}"),
-                    coordinate: provides.map(Coordinate::name),
+                    coordinate: if is_joint { Some("the tool") } else { provides.map(Coordinate::name) },
                     unit: axis.kind.unit(),
                     limits: [axis.min, axis.max],
                     max_feed: axis.max_feed,
@@ -118,6 +124,7 @@ impl CheckReport {
             locations: p.plan.locations_mm.len(),
             depths_mm: p.plan.depths_mm.clone(),
             moves: moves(&p.trajectory),
+            by_hand: if rig.is_virtual() { 0 } else { p.estimate.indenter_changes as usize },
             contact: p.plan.contact,
             trajectory_blake3: p.trajectory.hash(),
             estimate: p.estimate,
@@ -206,13 +213,17 @@ impl fmt::Display for PlanReport {
         let e = &self.estimate;
         writeln!(
             f,
-            "time: about {} (moving {}, settling {}, pictures {}, touch-off {}), and {} by hand",
+            "bench time: about {} (moving {}, settling {}, pictures {}, touch-off {}){}",
             span(e.total()),
             span(e.motion),
             span(e.settling),
             span(e.exposures),
             span(e.touch_off),
-            counted(e.indenter_changes as usize, "indenter"),
+            if self.by_hand > 0 {
+                format!(", and {} mounted by hand", counted(self.by_hand, "indenter"))
+            } else {
+                String::new()
+            },
         )?;
         writeln!(f, "disk: about {}", bytes(e.disk_bytes))?;
         writeln!(f, "trajectory: {}", self.trajectory_blake3)

@@ -8,6 +8,36 @@ use super::tree::{Node, Origin, Path, Step, Value};
 use crate::problem::{Problem, Problems};
 use serde::de::DeserializeOwned;
 
+/// A file as its type, and how far it can be relied on.
+#[derive(Debug)]
+pub struct Reading<T, C> {
+    /// What it says; placeholders stand where [`holds`](Self::holds) denies.
+    pub value: T,
+    /// What its own check made of it.
+    pub checked: C,
+    is_sound: bool,
+    wrong: Vec<Path>,
+}
+
+impl<T, C> Reading<T, C> {
+    /// Whether nothing at all is wrong with the file.
+    pub fn is_sound(&self) -> bool {
+        self.is_sound
+    }
+
+    /// Whether nothing is wrong at a key, below it or around it, so that what follows from it may be
+    /// looked at. Unknown keys do not matter here: nothing is read from them.
+    pub fn holds(&self, key: &str) -> bool {
+        let key = Path::parse(key).unwrap_or_default();
+        !self.wrong.iter().any(|w| w.starts_with(&key) || key.starts_with(w))
+    }
+
+    /// What the check made of a file that is sound.
+    pub fn into_sound(self) -> Option<C> {
+        self.is_sound.then_some(self.checked)
+    }
+}
+
 /// A file that is TOML.
 #[derive(Debug, Clone)]
 pub struct Document {
@@ -56,25 +86,28 @@ impl Document {
         }
     }
 
-    /// Reads the file as a `T` and lets `check` judge it. Everything wrong goes to `findings`.
+    /// Reads the file as a `T` and lets `check` judge it. Everything wrong goes to `findings`. `None`
+    /// when it is so far from a `T` that nothing more can be said.
     pub fn read<T: DeserializeOwned, C>(
         &self,
         check: impl FnOnce(&T, &mut Problems) -> C,
         findings: &mut Vec<Finding>,
-    ) -> Option<(T, C)> {
-        let gathered = gather::<T>(&self.tree);
-        let mut sound = gathered.problems.is_empty();
+    ) -> Option<Reading<T, C>> {
+        let mut gathered = gather::<T>(&self.tree);
         findings.extend(gathered.problems.iter().map(|p| self.finding(p)));
-        let value = gathered.value.as_ref()?;
+        let value = gathered.value.take()?;
         let mut problems = Problems::new();
-        let checked = check(value, &mut problems);
-        for problem in problems.into_vec() {
-            sound = false;
+        let checked = check(&value, &mut problems);
+        let problems = problems.into_vec();
+        let is_sound = gathered.problems.is_empty() && problems.is_empty();
+        let mut wrong = gathered.placeholders().to_vec();
+        for problem in problems {
+            wrong.push(Path::parse(&problem.key).unwrap_or_default());
             if !gathered.is_doubtful(&problem.key) {
                 findings.push(self.finding(&problem));
             }
         }
-        gathered.value.filter(|_| sound).map(|value| (value, checked))
+        Some(Reading { value, checked, is_sound, wrong })
     }
 
     /// The text at a key, if there is one, whatever else is wrong with the file.

@@ -20,9 +20,15 @@ pub struct Gathered<T> {
     /// What does not fit the type, in order of discovery.
     pub problems: Vec<Problem>,
     doubtful: Vec<Path>,
+    placeholders: Vec<Path>,
 }
 
 impl<T> Gathered<T> {
+    /// Where something else was read than was written.
+    pub fn placeholders(&self) -> &[Path] {
+        &self.placeholders
+    }
+
     /// Whether a finding about `key` may be a consequence of a repair.
     pub fn is_doubtful(&self, key: &str) -> bool {
         let Some(path) = Path::parse(key) else { return false };
@@ -34,7 +40,7 @@ impl<T> Gathered<T> {
 /// Reads a `T`, repairing as often as needed.
 pub fn gather<T: DeserializeOwned>(root: &Node) -> Gathered<T> {
     let mut tree = root.clone();
-    let mut out = Gathered { value: None, problems: Vec::new(), doubtful: Vec::new() };
+    let mut out = Gathered { value: None, problems: vec![], doubtful: vec![], placeholders: vec![] };
     for _ in 0..MOST_REPAIRS {
         let error = match T::deserialize(Reader(&tree)) {
             Ok(value) => {
@@ -52,7 +58,7 @@ pub fn gather<T: DeserializeOwned>(root: &Node) -> Gathered<T> {
         match &found.fault {
             Fault::Unknown { .. } => tree.remove(&path),
             _ if !put_placeholder::<T>(&mut tree, &path, &found) => return out,
-            _ => {}
+            _ => out.placeholders.push(path),
         }
     }
     out

@@ -1,7 +1,8 @@
 //! From paths and overrides to a [`Setup`], or to everything that is wrong.
 
+use super::agree::{self, PlanReading, RigReading, SensorReading};
 use super::check_report::CheckReport;
-use super::document::{Document, Setting};
+use super::document::{Document, Reading, Setting};
 use super::lookup::{Kind, Lookup, NotFound, SourceFile, by_path};
 use super::protocol_file;
 use super::report::{COMMAND_LINE, ConfigError, Finding};
@@ -9,14 +10,11 @@ use super::rig::{ANY_SENSOR, RigConfig, RigFile};
 use super::sensor::{SensorConfig, SensorFile};
 use super::tree::Origin;
 use crate::device::camera::settings::CameraSource;
-use crate::device::settings::MoverSettings;
-use crate::elastomer;
 use crate::indenter::spec::Shape;
 use crate::indenter::{self, Indenter, IndenterSpec};
 use crate::motion::Trajectory;
 use crate::plan::estimate::{Pace, estimate};
-use crate::plan::{self, Estimate, Plan, PlanFile};
-use crate::problem::{Problem, Problems};
+use crate::plan::{Estimate, Plan, PlanFile};
 use crate::protocol::{Pattern, Spec};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -128,40 +126,49 @@ impl Loader {
             Lookup::new(rig_document.as_ref().map(|d| &d.source), plan_document.as_ref().map(|d| &d.source));
         let sensor_sets = self.apply(sets, rig_document.as_mut(), plan.is_some(), plan_document.as_mut());
 
-        let rig = rig_document.as_ref().and_then(|d| {
-            d.read(|file: &RigFile, p| file.check(p), &mut self.findings).map(|(_, checked)| checked)
-        });
-        let plan_read = plan_document.as_ref().and_then(|d| {
-            let read = d.read(|file: &PlanFile, p| file.check(p), &mut self.findings);
-            read.and_then(|(_, checked)| checked)
-        });
+        let rig_read =
+            rig_document.as_ref().and_then(|d| d.read(|file: &RigFile, p| file.check(p), &mut self.findings));
+        let plan_read = plan_document
+            .as_ref()
+            .and_then(|d| d.read(|file: &PlanFile, p| file.check(p), &mut self.findings));
 
-        // The files that they name.
-        let protocols = match (&rig_document, &rig) {
+        // The files that they name, as far as the names can be made out.
+        let protocols = match (&rig_document, &rig_read) {
             (Some(document), Some(rig)) => self.protocols(document, rig, &lookup),
             _ => BTreeMap::new(),
         };
-        let sensor = self.sensor(rig_document.as_ref(), plan_document.as_ref(), &lookup, &sensor_sets);
+        let sensor_read = self.sensor(rig_document.as_ref(), plan_document.as_ref(), &lookup, &sensor_sets);
         let indenters = match (&plan_document, &plan_read) {
             (Some(document), Some(plan)) => self.indenters(document, plan, &lookup),
             _ => BTreeMap::new(),
+        };
+
+        // All of them together, as far as each holds.
+        if let (Some(document), Some(rig), Some(sensor)) = (&rig_document, &rig_read, &sensor_read) {
+            agree::on_picture(document, rig, sensor, &mut self.findings);
+            agree::on_elastomer(document, rig, sensor, &mut self.findings);
+        }
+        let plan_on_rig = match (&plan_document, &plan_read, &rig_read) {
+            (Some(document), Some(plan), Some(rig)) => {
+                agree::on_path(document, plan, rig, sensor_read.as_ref(), &indenters, &mut self.findings)
+            }
+            _ => None,
         };
         if !self.findings.is_empty() {
             return None;
         }
 
-        // All of them together.
-        let mut rig = rig?;
-        if let (Some(document), Some(sensor)) = (&rig_document, &sensor) {
-            self.agree_on_picture(document, &mut rig, sensor);
-            self.agree_on_elastomer(document, &rig, sensor);
+        let mut rig = rig_read?.into_sound()?;
+        let sensor = sensor_read.and_then(Reading::into_sound);
+        if let Some(sensor) = sensor.as_ref().filter(|_| rig.camera.source == CameraSource::Virtual) {
+            // A virtual camera takes the sensor's raster.
+            [rig.camera.width, rig.camera.height] = agree::raster(sensor);
         }
-        let plan = match (&plan_document, plan_read, &sensor) {
-            (Some(document), Some(plan), Some(sensor)) => {
-                Some(self.plan_on_rig(document, plan, &rig, sensor, indenters))
-            }
-            _ => None,
-        };
+        let plan =
+            plan_read.and_then(Reading::into_sound).flatten().zip(plan_on_rig).map(|(plan, trajectory)| {
+                let estimate = estimate(&plan, &trajectory, &rig.fences(), &pace(&rig));
+                PlanSetup { plan, trajectory, indenters, estimate }
+            });
         Some(Setup {
             rig,
             protocols,
@@ -240,21 +247,24 @@ impl Loader {
     fn protocols(
         &mut self,
         document: &Document,
-        rig: &RigConfig,
+        rig: &RigReading,
         lookup: &Lookup,
     ) -> BTreeMap<String, Arc<Spec>> {
         let mut protocols: BTreeMap<String, Arc<Spec>> = BTreeMap::new();
-        for (device, mover) in &rig.devices {
-            if let Some(spec) = protocols.get(&mover.protocol) {
-                self.wiring(document, device, mover, spec);
+        for (device, mover) in &rig.value.devices {
+            let key = format!("devices.{device}.protocol");
+            if !rig.holds(&key) {
                 continue;
             }
-            let key = format!("devices.{device}.protocol");
+            if let Some(spec) = protocols.get(&mover.protocol) {
+                self.wiring(document, device, rig, spec);
+                continue;
+            }
             let Some(source) = self.named(Kind::Protocol, &mover.protocol, document, &key, lookup) else {
                 continue;
             };
             if let Some(file) = protocol_file::read(source, &mut self.findings) {
-                self.wiring(document, device, mover, &file.spec);
+                self.wiring(document, device, rig, &file.spec);
                 protocols.insert(mover.protocol.clone(), file.spec);
             }
         }
@@ -262,10 +272,11 @@ impl Loader {
     }
 
     /// What the protocol wants of the device's table.
-    fn wiring(&mut self, document: &Document, device: &str, mover: &MoverSettings, spec: &Spec) {
+    fn wiring(&mut self, document: &Document, device: &str, rig: &RigReading, spec: &Spec) {
+        let mover = &rig.value.devices[device];
         for (name, axis) in &mover.axes {
             let key = |key: &str| format!("devices.{device}.axes.{name}.{key}");
-            if !spec.axis.wire.is_match(axis.wire.as_bytes()) {
+            if rig.holds(&key("wire")) && !spec.axis.wire.is_match(axis.wire.as_bytes()) {
                 self.findings.push(document.complain(
                     &key("wire"),
                     format!("{:?}", axis.wire),
@@ -273,7 +284,7 @@ impl Loader {
                     "write the letter or address that this axis has on the controller",
                 ));
             }
-            if spec.axis.counts && axis.counts_per_unit.is_none() {
+            if rig.holds(&key("counts_per_unit")) && spec.axis.counts && axis.counts_per_unit.is_none() {
                 self.findings.push(document.complain(
                     &key("counts_per_unit"),
                     "missing",
@@ -319,7 +330,7 @@ impl Loader {
         plan: Option<&Document>,
         lookup: &Lookup,
         sets: &[Setting],
-    ) -> Option<SensorConfig> {
+    ) -> Option<SensorReading> {
         // Asked of the trees, so that a mistake elsewhere in those files does not hide one here.
         let named = |document: Option<&Document>| {
             let document = document?;
@@ -355,28 +366,33 @@ impl Loader {
         for setting in sets {
             document.set(&setting.text, &setting.within_domain(), setting.value.clone(), &mut self.findings);
         }
-        let read = document.read(|file: &SensorFile, p| file.check(&stem, p), &mut self.findings);
-        read.map(|(_, checked)| checked)
+        document.read(|file: &SensorFile, p| file.check(&stem, p), &mut self.findings)
     }
 
     fn indenters(
         &mut self,
         plan_document: &Document,
-        plan: &Plan,
+        plan: &PlanReading,
         lookup: &Lookup,
     ) -> BTreeMap<String, IndenterConfig> {
         let mut indenters = BTreeMap::new();
-        for (i, planned) in plan.indenters.iter().enumerate() {
+        for (i, planned) in plan.value.indenters.iter().enumerate() {
             let key = format!("indenters[{i}]");
             let name_key = format!("{key}.name");
             let name = &planned.name;
+            if !plan.holds(&name_key) {
+                continue;
+            }
             let Some(source) = self.named(Kind::Indenter, name, plan_document, &name_key, lookup) else {
                 continue;
             };
             let folder = source.folder.clone();
             let Some(document) = Document::parse(source, &mut self.findings) else { continue };
             let read = document.read(|spec: &IndenterSpec, p| spec.check(p), &mut self.findings);
-            let Some((mut spec, ())) = read else { continue };
+            let Some(mut spec) = read.filter(Reading::is_sound).map(|r| r.value) else { continue };
+            if !plan.holds(&format!("{key}.edge_round_mm")) {
+                continue;
+            }
             if let (Shape::Stl { path, .. }, Some(folder)) = (&mut spec.shape, folder) {
                 *path = folder.join(&path);
             }
@@ -394,61 +410,6 @@ impl Loader {
             }
         }
         indenters
-    }
-
-    /// A virtual camera takes the sensor's raster; a real one must already have it.
-    fn agree_on_picture(&mut self, document: &Document, rig: &mut RigConfig, sensor: &SensorConfig) {
-        let raster = [sensor.optics.camera.width_px, sensor.optics.camera.height_px].map(|n| n as u32);
-        if rig.camera.source == CameraSource::Virtual {
-            [rig.camera.width, rig.camera.height] = raster;
-            return;
-        }
-        let given = [("camera.width", rig.camera.width), ("camera.height", rig.camera.height)];
-        for ((key, given), wanted) in given.into_iter().zip(raster) {
-            if given != wanted {
-                self.findings.push(document.complain(
-                    key,
-                    given,
-                    format!("{wanted} px, the raster of sensor {}", sensor.name),
-                    "choose that camera mode, or correct [optics.camera] in the sensor file",
-                ));
-            }
-        }
-    }
-
-    /// What the twin's solver will refuse is refused before anything moves.
-    fn agree_on_elastomer(&mut self, document: &Document, rig: &RigConfig, sensor: &SensorConfig) {
-        if let Err(elastomer::Error::Setting { key, value, why }) =
-            elastomer::check(&sensor.pad, &rig.elastomer)
-        {
-            self.findings.push(document.complain(
-                &format!("elastomer.{key}"),
-                value,
-                why,
-                "change it in the rig file, or by --set",
-            ));
-        }
-    }
-
-    fn plan_on_rig(
-        &mut self,
-        document: &Document,
-        plan: Plan,
-        rig: &RigConfig,
-        sensor: &SensorConfig,
-        indenters: BTreeMap<String, IndenterConfig>,
-    ) -> PlanSetup {
-        let trajectory = plan::expand(&plan);
-        let fences = rig.fences();
-        let bodies = indenters.iter().map(|(name, i)| (name.clone(), i.body.clone())).collect();
-        let bench = plan::check::Bench { rig: &fences, pad: &sensor.pad, indenters: &bodies };
-        let mut problems = Problems::new();
-        plan::check(&plan, &trajectory, &bench, &mut problems);
-        let mut problems: Vec<Problem> = problems.into_vec();
-        problems.sort_by(|a, b| a.key.cmp(&b.key));
-        self.findings.extend(problems.iter().map(|p| document.finding(p)));
-        let estimate = estimate(&plan, &trajectory, &fences, &pace(rig));
-        PlanSetup { plan, trajectory, indenters, estimate }
     }
 }
 

@@ -1,6 +1,6 @@
 //! A protocol by itself: by the path of a file, or by the name of a shipped one.
 
-use super::document::Document;
+use super::document::{Document, Reading};
 use super::lookup::{Kind, NotFound, SourceFile, by_path};
 use super::report::{ConfigError, Finding};
 use crate::protocol::Spec;
@@ -54,7 +54,8 @@ pub(super) fn read(source: SourceFile, findings: &mut Vec<Finding>) -> Option<Pr
     let mut found = Vec::new();
     let file = Document::parse(source, &mut found).and_then(|document| {
         let read = document.read(|spec: &Spec, problems| spec.check(problems), &mut found);
-        read.map(|(spec, ())| ProtocolFile { spec: Arc::new(spec), document })
+        let read = read.filter(Reading::is_sound)?;
+        Some(ProtocolFile { spec: Arc::new(read.value), document })
     });
     found.sort_by_key(Finding::line);
     findings.extend(found);

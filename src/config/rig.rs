@@ -4,7 +4,7 @@ use super::document::near_or;
 use crate::device::camera::settings::{CameraSettings, CameraSource};
 use crate::device::settings::{AxisSettings, MoverSettings, PortSettings, Side};
 use crate::elastomer;
-use crate::motion::{AxisKind, AxisRole, Coordinate, PoseMap};
+use crate::motion::{Arm, AxisKind, AxisRole, Coordinate, PoseMap};
 use crate::plan::{Fence, RigFences};
 use crate::problem::Problems;
 use serde::{Deserialize, Serialize};
@@ -192,19 +192,24 @@ impl RigConfig {
         self.world.is_some()
     }
 
+    /// Devices whose axes are the joints of an arm.
+    pub fn arms(&self) -> BTreeMap<String, Arm> {
+        self.devices.iter().filter_map(|(name, mover)| Some((name.clone(), mover.arm()?))).collect()
+    }
+
     /// The fences that plans are checked against.
     pub fn fences(&self) -> RigFences {
         let mut axes = BTreeMap::new();
         for (device, mover) in &self.devices {
-            for (name, axis) in &mover.axes {
+            for (name, axis) in mover.pose_axes() {
                 let overshoot = axis.approach.map_or(0.0, |a| match a.from {
                     Side::Below => -a.distance,
                     Side::Above => a.distance,
                 });
-                axes.insert((device.clone(), name.clone()), Fence { limits: axis.limits(), overshoot });
+                axes.insert((device.clone(), name), Fence { limits: axis.limits(), overshoot });
             }
         }
-        RigFences { map: self.motion.clone(), axes }
+        RigFences { map: self.motion.clone(), axes, arms: self.arms() }
     }
 }
 
@@ -286,7 +291,8 @@ impl RigFile {
     }
 
     fn check_motion(&self, problems: &mut Problems) {
-        let pressing = self.devices.get(&self.motion.z.device).and_then(|d| d.axes.get(&self.motion.z.axis));
+        let pressing =
+            self.devices.get(&self.motion.z.device).and_then(|d| d.pose_axes().remove(&self.motion.z.axis));
         if let Some(axis) = pressing.filter(|a| self.session.touch_feed_mm_s > a.max_feed) {
             problems.push(
                 "session.touch_feed_mm_s",
@@ -302,7 +308,7 @@ impl RigFile {
             problems.within("motion", |p| {
                 p.within(name, |p| {
                     if let Some(axis) = self.axis_of(role, p) {
-                        check_role(coordinate, role, axis, p);
+                        check_role(coordinate, role, &axis, p);
                     }
                     if let Some((_, _, other)) =
                         taken.iter().find(|(d, a, _)| *d == role.device && *a == role.axis)
@@ -321,15 +327,16 @@ impl RigFile {
     }
 
     /// The axis in a role, or why there is none.
-    fn axis_of(&self, role: &AxisRole, problems: &mut Problems) -> Option<&AxisSettings> {
+    fn axis_of(&self, role: &AxisRole, problems: &mut Problems) -> Option<AxisSettings> {
         let devices: Vec<&str> = self.devices.keys().map(String::as_str).collect();
         let Some(device) = self.devices.get(&role.device) else {
             let next = near_or(&role.device, &devices, "name a device of this file");
             problems.push("device", format!("{:?}", role.device), devices.join(", "), next);
             return None;
         };
-        let axes: Vec<&str> = device.axes.keys().map(String::as_str).collect();
-        let axis = device.axes.get(&role.axis);
+        let axis = device.pose_axes().remove(&role.axis);
+        let names: Vec<String> = device.pose_axes().into_keys().collect();
+        let axes: Vec<&str> = names.iter().map(String::as_str).collect();
         if axis.is_none() {
             let next = near_or(&role.axis, &axes, "name an axis of this device");
             problems.push("axis", format!("{:?}", role.axis), axes.join(", "), next);

@@ -52,16 +52,16 @@ impl Provenance {
         let major = |v: &str| v.split('.').next().map(str::to_owned);
         let pairs = [
             (
-                "layout version",
+                "another version of the layout",
                 major(&self.schema).unwrap_or_default(),
                 major(&asked.schema).unwrap_or_default(),
             ),
-            ("rig", self.rig.clone(), asked.rig.clone()),
-            ("plan", self.plan.clone(), asked.plan.clone()),
-            ("sensor", self.sensor.clone(), asked.sensor.clone()),
-            ("trajectory", self.trajectory_hash.clone(), asked.trajectory_hash.clone()),
-            ("devices of the rig file", self.rig_hash.clone(), asked.rig_hash.clone()),
-            ("simulation settings", self.simulation_hash.clone(), asked.simulation_hash.clone()),
+            ("another rig", self.rig.clone(), asked.rig.clone()),
+            ("another plan", self.plan.clone(), asked.plan.clone()),
+            ("another sensor", self.sensor.clone(), asked.sensor.clone()),
+            ("another trajectory", self.trajectory_hash.clone(), asked.trajectory_hash.clone()),
+            ("other devices in the rig file", self.rig_hash.clone(), asked.rig_hash.clone()),
+            ("other simulation settings", self.simulation_hash.clone(), asked.simulation_hash.clone()),
         ];
         match pairs.into_iter().find(|(_, has, wants)| has != wants) {
             None => Ok(()),

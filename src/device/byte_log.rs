@@ -13,8 +13,8 @@
 //! | `*` | another input: nothing (the engine's time had come), `live`, `stop KIND written\|unwritten`, `lost WHY` |
 //! | `#` | a remark; the first line says what speaks here ([`Header`]) |
 //!
-//! Bytes are text with escapes. The file is rotated at a size and the older half kept, so a long session
-//! cannot fill the disk.
+//! Bytes are text with escapes. The file is rotated at a size: `<log>.1` is the part before it, `<log>.2` the one before
+//! that, and so on. So many are kept that weeks can be replayed from their beginning, and no session fills the disk.
 
 use crate::clock::Timestamp;
 use crate::protocol::{AxisWire, Failure, Outcome, Request, StopKind, Ticket};
@@ -25,6 +25,9 @@ use std::path::{Path, PathBuf};
 
 /// Size at which a file is rotated: days of polling, still opened by any editor.
 const ROTATE_BYTES: u64 = 16 << 20;
+
+/// Parts of a log that are kept besides the one that is written.
+const KEPT_PARTS: u32 = 7;
 
 /// Which way bytes went.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -90,15 +93,13 @@ pub struct ByteLog {
 }
 
 impl ByteLog {
-    /// Begins a log at `path`; an older file of that name is kept as `<path>.1`.
+    /// Begins a log at `path`; an older file of that name is kept as `<path>.1`, as a part before this one would be.
     pub fn create(path: &Path) -> io::Result<ByteLog> {
         Self::with_limit(path, ROTATE_BYTES)
     }
 
     fn with_limit(path: &Path, rotate_at: u64) -> io::Result<ByteLog> {
-        if path.exists() {
-            std::fs::rename(path, older(path))?;
-        }
+        make_room(path)?;
         let file = File::create(path)?;
         Ok(ByteLog { path: path.to_owned(), file, written: 0, rotate_at, begun: None, header: None })
     }
@@ -153,7 +154,7 @@ impl ByteLog {
         self.file.write_all(line.as_bytes())?;
         self.written += line.len() as u64;
         if self.written >= self.rotate_at {
-            std::fs::rename(&self.path, older(&self.path))?;
+            make_room(&self.path)?;
             self.file = File::create(&self.path)?;
             self.written = 0;
             if let Some(header) = self.header.clone() {
@@ -191,15 +192,49 @@ pub fn outcome_word(outcome: &Outcome) -> &'static str {
     }
 }
 
-/// The file that holds the part of a log before this one.
-pub fn older_part(path: &Path) -> PathBuf {
-    older(path)
+/// The file that holds the part of a log so many parts before the one at `path`.
+fn part(path: &Path, before: u32) -> PathBuf {
+    if before == 0 {
+        return path.to_owned();
+    }
+    let mut name = path.as_os_str().to_owned();
+    name.push(format!(".{before}"));
+    PathBuf::from(name)
 }
 
-fn older(path: &Path) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(".1");
-    PathBuf::from(name)
+/// Moves every part one further back, the last of them out.
+fn make_room(path: &Path) -> io::Result<()> {
+    for before in (0..KEPT_PARTS).rev() {
+        let from = part(path, before);
+        if from.exists() {
+            std::fs::rename(from, part(path, before + 1))?;
+        }
+    }
+    Ok(())
+}
+
+/// A log with the parts before it, as far back as one continues another.
+///
+/// # Errors
+/// When the log itself cannot be read; a part that is missing is where it begins.
+pub fn whole(path: &Path) -> io::Result<String> {
+    let mut text = std::fs::read_to_string(path)?;
+    for before in 1..=KEPT_PARTS {
+        let is_later = |text: &str| Header::of(text).is_some_and(|header| header.continued);
+        match std::fs::read_to_string(part(path, before)) {
+            Ok(older) if is_later(&text) => text = older + &text,
+            _ => break,
+        }
+    }
+    Ok(text)
+}
+
+impl Header {
+    /// The header of a log, if it begins with one.
+    fn of(text: &str) -> Option<Header> {
+        let first = Record::read(text.lines().next()?)?;
+        serde_json::from_str(&first.text).ok()
+    }
 }
 
 fn escape(bytes: &[u8]) -> String {
@@ -336,15 +371,53 @@ mod tests {
     }
 
     #[test]
-    fn a_full_log_is_rotated_once() {
+    fn a_log_that_was_rotated_often_is_whole_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("port.log");
+        let header = |continued| Header {
+            twinrig_log: LOG_VERSION,
+            protocol: "grbl".to_owned(),
+            axes: Vec::new(),
+            patience: 1.0,
+            continued,
+        };
+        // An older session's log of that name lies there already: it is no part of this one.
+        let mut before = ByteLog::create(&path).unwrap();
+        before.header(Timestamp(0), header(false)).unwrap();
+        before.bytes(Timestamp(0), Direction::Sent, b"of yesterday").unwrap();
+        drop(before);
+        let sent =
+            |text: &str| text.lines().filter(|l| l.contains(" > ")).map(str::to_owned).collect::<Vec<_>>();
+        for (writes, lost) in [(10, false), (25, false), (200, true)] {
+            let mut log = ByteLog::with_limit(&path, 400).unwrap();
+            log.header(Timestamp(0), header(false)).unwrap();
+            for i in 0..writes {
+                log.bytes(Timestamp(i * 1_000_000), Direction::Sent, format!("$J=G90 X{i}\n").as_bytes())
+                    .unwrap();
+            }
+            drop(log);
+            let whole = whole(&path).unwrap();
+            assert_eq!(Header::of(&whole).unwrap().continued, lost, "{writes}");
+            let found = sent(&whole);
+            assert!(found.last().unwrap().ends_with(&format!("X{}\\n", writes - 1)), "{found:?}");
+            if lost {
+                assert!(found.len() > 30 && found.len() < 200);
+            } else {
+                assert_eq!(found.len() as i64, writes, "{whole}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_log_takes_so_much_of_the_disk_and_no_more() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("port.log");
         let mut log = ByteLog::with_limit(&path, 200).unwrap();
-        for i in 0..20 {
+        for i in 0..200 {
             log.bytes(Timestamp(i * 1_000_000), Direction::Sent, b"$J=G90 X1\n").unwrap();
         }
         let names = std::fs::read_dir(folder.path()).unwrap().count();
-        assert_eq!(names, 2);
+        assert_eq!(names, 1 + KEPT_PARTS as usize);
         assert!(std::fs::metadata(&path).unwrap().len() <= 240);
     }
 }

@@ -11,7 +11,10 @@
 //! that is lost never leads to a second move: first the device is asked until it is at rest and its
 //! position is known ([`travel`]).
 //!
-//! It knows no pose, no other device and no plan; interlocks between devices are the session's.
+//! *An arm with joints* has the axes of its tool in front of those on the wire ([`tool`]): they are what is moved,
+//! measured and limited by name; joints follow.
+//!
+//! It knows no other device and no plan; interlocks between devices are the session's.
 
 mod error;
 #[cfg(test)]
@@ -19,7 +22,12 @@ mod faults;
 mod glide;
 mod observer;
 #[cfg(test)]
+mod pitfalls;
+#[cfg(test)]
 mod tests;
+mod tool;
+#[cfg(test)]
+mod tool_tests;
 mod travel;
 
 use super::byte_log::{Header, LOG_VERSION};
@@ -37,6 +45,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
+use tool::Tool;
 pub use travel::Reached;
 
 /// What is known of the positions.
@@ -74,6 +83,8 @@ pub struct Mover {
     settings: MoverSettings,
     clock: Clock,
     names: Vec<String>,
+    /// The tool in front of the axes, where they are joints.
+    tool: Option<Tool>,
     homed: Homed,
     /// Where the last move was measured to end; forgotten with the next one, and with trust.
     resting: Option<Vec<Measured>>,
@@ -119,6 +130,7 @@ impl Mover {
             }
         }
         let names = settings.axes.keys().cloned().collect();
+        let tool = Tool::new(&settings);
         let link = Link::start(stream, engine, clock, options);
         let mut mover = Mover {
             link,
@@ -126,6 +138,7 @@ impl Mover {
             settings,
             clock,
             names,
+            tool,
             homed: Homed::default(),
             resting: None,
             identity: None,
@@ -241,6 +254,7 @@ impl Mover {
             protocol: self.settings.protocol.clone(),
             identity: self.identity.clone(),
             axes: axes.map(|(name, a)| (name.clone(), a.kind, [a.min, a.max])).collect(),
+            tool: self.tool.clone(),
         }
     }
 
@@ -256,7 +270,8 @@ impl Mover {
         self.link.set_homing(false);
         let losses = self.link.telemetry().trust_losses;
         self.homed.end(result.is_ok().then_some(losses));
-        result
+        result?;
+        self.make_ready().await
     }
 
     async fn search_reference(&mut self) -> Result<(), MoverError> {
@@ -270,21 +285,28 @@ impl Mover {
         Ok(())
     }
 
-    /// Asks the device where it is.
+    /// Asks the device where it is: of an arm with joints first the tool, then the joints.
     pub async fn position(&mut self) -> Result<Vec<Measured>, MoverError> {
         self.end_of_stop().await?;
-        self.read_positions().await
+        let axes = self.read_positions().await?;
+        Ok(self.with_tool(axes))
     }
 
     /// Where the device is, for planning the next move: where the last one was measured to end, if nothing has
     /// happened since, or else as it tells now. What proves an arrival or a capture is always asked.
     pub async fn resting(&mut self) -> Result<Vec<Measured>, MoverError> {
+        let axes = self.resting_axes().await?;
+        Ok(self.with_tool(axes))
+    }
+
+    async fn resting_axes(&mut self) -> Result<Vec<Measured>, MoverError> {
         let nothing_happened = !self.stop_handle().is_stopped() && self.reference() == Reference::Referenced;
         if let Some(resting) = self.resting.clone().filter(|_| nothing_happened) {
             return Ok(resting);
         }
+        self.end_of_stop().await?;
         let asked = self.clock.now();
-        let here = self.position().await;
+        let here = self.read_positions().await;
         spent(Part::Position, self.clock.now().since(asked));
         here
     }
@@ -307,7 +329,14 @@ impl Mover {
 
     /// Largest accepted difference between where an axis was sent and where it is, in its unit.
     pub fn tolerance(&self, axis: &str) -> Option<f64> {
-        self.settings.axes.get(axis).map(|settings| settings.tolerance)
+        let of_the_tool = self.tool.as_ref().and_then(|tool| tool.axes.get(axis));
+        of_the_tool.or_else(|| self.settings.axes.get(axis)).map(|settings| settings.tolerance)
+    }
+
+    /// Where an axis was last sent, where a move has led it there and nothing has happened since: of an arm with
+    /// joints each of them, too.
+    pub fn sent_to(&self, axis: &str) -> Option<f64> {
+        self.tool.as_ref()?.sent_to(axis)
     }
 
     /// The handle that stops this device at once, from any thread.
@@ -340,16 +369,9 @@ impl Mover {
         outcome
     }
 
-    /// The axis of that name and its index.
-    fn axis(&self, name: &str) -> Result<(usize, &AxisSettings), MoverError> {
-        let at = self.names.iter().position(|n| n == name);
-        at.and_then(|i| Some((i, self.settings.axes.get(name)?)))
-            .ok_or_else(|| MoverError::UnknownAxis { axis: name.to_owned(), known: self.names.join(", ") })
-    }
-
-    /// Limits of all axes by name.
+    /// Limits of all axes by name that poses are made of.
     pub fn limits(&self) -> BTreeMap<String, AxisLimits> {
-        self.settings.axes.iter().map(|(name, axis)| (name.clone(), axis.limits())).collect()
+        self.settings.pose_axes().iter().map(|(name, axis)| (name.clone(), axis.limits())).collect()
     }
 }
 
@@ -389,27 +411,22 @@ pub fn preview_move(
     feed: f64,
 ) -> Result<Vec<Vec<u8>>, MoverError> {
     let engine = engine_for(spec, settings, 1.0)?;
-    let names: Vec<&String> = settings.axes.keys().collect();
-    let mut indexed = Vec::new();
-    for (name, target) in targets {
-        let at = names.iter().position(|n| n == name);
-        let at = at.ok_or_else(|| MoverError::UnknownAxis {
-            axis: (*name).to_owned(),
-            known: names.iter().map(|n| n.as_str()).collect::<Vec<_>>().join(", "),
-        })?;
-        let limits = settings.axes[*name].limits();
-        limits.check_position(name, *target)?;
-        indexed.push((at, *target));
-    }
+    let axes = settings.pose_axes();
+    let indexed = travel::check_targets(&axes, targets)?;
     let target_of = |at: usize| indexed.iter().find(|(i, _)| *i == at).map_or(0.0, |(_, target)| *target);
-    let here: Vec<f64> = names
-        .iter()
-        .enumerate()
-        .map(|(at, name)| here.get(*name).copied().unwrap_or(target_of(at)))
-        .collect();
+    let mut here: Vec<f64> =
+        axes.keys().enumerate().map(|(at, name)| here.get(name).copied().unwrap_or(target_of(at))).collect();
     let mut bytes = Vec::new();
-    for leg in travel::legs(settings, &indexed, &here) {
-        bytes.extend(engine.preview_move(&leg, feed)?);
+    for leg in travel::legs(&axes, &indexed, &here) {
+        match Tool::new(settings) {
+            Some(tool) => {
+                for piece in tool.pieces_from(&here, &leg, feed, settings)? {
+                    bytes.extend(engine.preview_move(&piece.targets, piece.feed, &piece.from)?);
+                }
+            }
+            None => bytes.extend(engine.preview_move(&leg, feed, &here)?),
+        }
+        leg.iter().for_each(|(at, target)| here[*at] = *target);
     }
     Ok(bytes)
 }

@@ -341,6 +341,7 @@ mod tests {
             settle_ms: 0,
             stall_ms: 1000,
             axes: [("slide".to_owned(), axis)].into(),
+            kinematics: None,
         }
     }
 

@@ -485,6 +485,7 @@ mod tests {
             settle_ms: 50,
             stall_ms: 3000,
             axes: BTreeMap::from([("a".to_owned(), axis)]),
+            kinematics: None,
         }
     }
 

@@ -1,6 +1,7 @@
 //! What a rig file says about a mover: its port, its protocol, its axes.
 
-use crate::motion::{AxisKind, AxisLimits};
+use super::kinematics::Kinematics;
+use crate::motion::{Arm, AxisKind, AxisLimits};
 use crate::problem::Problems;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -27,6 +28,9 @@ pub struct MoverSettings {
     pub stall_ms: u64,
     /// The axes by name.
     pub axes: BTreeMap<String, AxisSettings>,
+    /// How the axes make a pose where they are the joints of an arm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kinematics: Option<Kinematics>,
 }
 
 fn default_settle_ms() -> u64 {
@@ -150,6 +154,16 @@ impl AxisSettings {
 }
 
 impl MoverSettings {
+    /// The axes that poses are made of: those of the tool on an arm with joints, or else the device's own.
+    pub fn pose_axes(&self) -> BTreeMap<String, AxisSettings> {
+        self.kinematics.as_ref().map_or_else(|| self.axes.clone(), Kinematics::tool_axes)
+    }
+
+    /// The arm that the axes make, where they are joints.
+    pub fn arm(&self) -> Option<Arm> {
+        Some(self.kinematics.as_ref()?.arm(&self.axes))
+    }
+
     /// Reports everything that cannot be right.
     pub fn check(&self, problems: &mut Problems) {
         if self.axes.is_empty() {
@@ -160,11 +174,14 @@ impl MoverSettings {
                 p.within(name.as_str(), |p| axis.check(p));
             });
         }
+        if let Some(kinematics) = &self.kinematics {
+            problems.within("kinematics", |p| kinematics.check(&self.axes, p));
+        }
     }
 }
 
 impl AxisSettings {
-    fn check(&self, problems: &mut Problems) {
+    pub(super) fn check(&self, problems: &mut Problems) {
         if !(self.min.is_finite() && self.max.is_finite() && self.min < self.max) {
             let next = "set max above min";
             problems.push("max", self.max, format!("more than min = {}", self.min), next);

@@ -46,6 +46,7 @@ use self::cloud::Cloud;
 use self::lanes::Isa;
 use self::scheme::Scheme;
 use self::stress::energy_density;
+use super::interrupt::Interrupt;
 use super::{ContactForces, Elastomer, ElastomerCapture, Error, Mode, Pad, Settings, SolverStats};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
@@ -53,6 +54,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// Forces at a capture are means over this many steps: single steps carry the grid's noise.
 const FORCE_WINDOW_STEPS: usize = 10;
@@ -78,6 +80,7 @@ struct Tally {
 /// A pad followed step by step.
 #[derive(Debug, Clone)]
 pub struct ExplicitSolver {
+    interrupt: Interrupt,
     settings: Settings,
     indenter: Arc<dyn Indenter>,
     cloud: Arc<Cloud>,
@@ -134,6 +137,7 @@ impl ExplicitSolver {
         }
         let body = Body::new(scheme, settings.base, isa);
         let mut solver = Self {
+            interrupt: Interrupt::default(),
             settings: settings.clone(),
             indenter,
             cloud: Arc::new(cloud),
@@ -273,6 +277,7 @@ impl Elastomer for ExplicitSolver {
         }
         let steps = steps as u64;
         for n in 1..=steps {
+            self.interrupt.check()?;
             self.step_to(&from.lerp(pose, n as f64 / steps as f64))?;
         }
         self.pose = *pose;
@@ -317,6 +322,10 @@ impl Elastomer for ExplicitSolver {
             contact_area_mm2,
         };
         Ok(ElastomerCapture { surface, contact, forces, stats })
+    }
+
+    fn interrupt_by(&mut self, flag: Arc<AtomicBool>) {
+        self.interrupt = Interrupt::by(flag);
     }
 
     fn fork(&self) -> Box<dyn Elastomer> {

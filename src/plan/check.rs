@@ -8,6 +8,7 @@
 //!
 //! What is found:
 //! - [`axes`]: targets outside the travel, feeds too fast, coordinates that no axis provides;
+//! - [`reach`]: poses that an arm with joints cannot take, and lines on which it would have to fold over;
 //! - [`contact`]: a press too deep for the pad, an indenter that misses or leaves it, sideways
 //!   motion that is neither in contact nor at clearance.
 //!
@@ -15,17 +16,19 @@
 
 mod axes;
 mod contact;
+mod reach;
 #[cfg(test)]
 mod rules;
 
 use super::Plan;
 use crate::elastomer::Pad;
 use crate::indenter::Indenter;
-use crate::motion::{AxisLimits, AxisRole, PoseMap, Trajectory};
+use crate::motion::{Arm, AxisLimits, AxisRole, PoseMap, Trajectory};
 use crate::problem::Problems;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+pub use axes::check as check_axes;
 pub use contact::{DEEPEST_SHARE, EDGE_MARGIN_MM};
 
 /// What one axis of the rig may do.
@@ -45,6 +48,8 @@ pub struct RigFences {
     pub map: PoseMap,
     /// Every axis, by device and axis name.
     pub axes: BTreeMap<(String, String), Fence>,
+    /// Devices whose axes are the joints of an arm: what those axes are then is made by it.
+    pub arms: BTreeMap<String, Arm>,
 }
 
 impl RigFences {
@@ -69,6 +74,7 @@ pub struct Bench<'a> {
 /// Key paths are those of the plan file.
 pub fn check(plan: &Plan, trajectory: &Trajectory, bench: &Bench<'_>, problems: &mut Problems) {
     axes::check(plan, trajectory, bench.rig, problems);
+    reach::check(plan, trajectory, bench.rig, problems);
     contact::check(plan, trajectory, bench, problems);
 }
 
@@ -128,7 +134,7 @@ pub(crate) mod stand_ins {
                 .into_iter()
                 .map(|(d, a, limits)| ((d.to_owned(), a.to_owned()), Fence { limits, overshoot: 0.0 }))
                 .collect();
-        RigFences { map, axes }
+        RigFences { map, axes, arms: BTreeMap::new() }
     }
 
     pub(crate) fn pad() -> Pad {

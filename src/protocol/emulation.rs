@@ -230,6 +230,9 @@ pub struct ServoEmulation {
     pub initial: BTreeMap<String, i64>,
     /// Units per second of one count of the speed register.
     pub speed_unit: f64,
+    /// Whether switching the torque on makes the present position the goal.
+    #[serde(default)]
+    pub holds_on_torque: bool,
 }
 
 /// Frames of servo buses.

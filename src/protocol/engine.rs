@@ -194,8 +194,14 @@ impl Engine {
     }
 
     /// The bytes a move would send, one entry for each command; nothing is sent.
-    pub fn preview_move(&self, targets: &[(usize, f64)], feed: f64) -> Result<Vec<Vec<u8>>, Failure> {
-        let sends = self.plan_move(targets, feed, false)?;
+    pub fn preview_move(
+        &self,
+        targets: &[(usize, f64)],
+        feed: f64,
+        here: &[f64],
+    ) -> Result<Vec<Vec<u8>>, Failure> {
+        let here: Vec<Option<f64>> = here.iter().copied().map(Some).collect();
+        let sends = self.plan_move(targets, feed, false, &here)?;
         sends.into_iter().map(|(name, _, fields)| Ok(self.exchange.encode_urgent(&name, fields)?)).collect()
     }
 
@@ -487,6 +493,14 @@ impl Engine {
             self.end_task(Err(failure));
         }
         self.finish_commands(dropped);
+    }
+
+    /// The flag that says that positions are not valid, if the device shows one: a search for references that ends
+    /// so was cut short, by a restart for instance.
+    fn unreferenced(&self) -> Option<Failure> {
+        let code = self.flag.clone()?;
+        let spec = self.spec.flags.get(&code).filter(|spec| spec.trust == Trust::Lost)?;
+        Some(Failure::Flag { code, text: spec.text.clone() })
     }
 
     fn on_flag(&mut self, reply: &Reply) {

@@ -35,8 +35,15 @@ pub fn opening(facts: &Facts) -> String {
         .map(|(k, name)| format!("{} captures of {name}", count(k)))
         .collect();
     let indenters = facts.indenters();
+    let (has_real, has_sim) =
+        (facts.shots.iter().any(|s| s.real.is_some()), facts.shots.iter().any(|s| s.sim.is_some()));
+    let sides = match (has_real, has_sim) {
+        (true, false) => "Only the bench has run",
+        (false, true) => "Only the simulation has run",
+        _ => "Bench and simulation followed the identical trajectory",
+    };
     let mut text = format!(
-        "<p>Plan <b>{}</b> on rig <b>{}</b> with sensor <b>{}</b>, begun {}. {} with {} indenter{}: {}. Bench and simulation followed the identical trajectory; each row below is one capture mark, seen by both.</p>\n",
+        "<p>Plan <b>{}</b> on rig <b>{}</b> with sensor <b>{}</b>, begun {}. {} with {} indenter{}: {}. {sides}; each row below is one capture mark.</p>\n",
         escape(&p.plan),
         escape(&p.rig),
         escape(&p.sensor),

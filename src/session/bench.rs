@@ -47,8 +47,13 @@ pub struct Feeds {
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
     /// A mover failed.
-    #[error(transparent)]
-    Mover(#[from] MoverError),
+    #[error("device {device}: {source}")]
+    Mover {
+        /// Which, by its name in the rig file.
+        device: String,
+        /// Why.
+        source: MoverError,
+    },
     /// The camera failed.
     #[error(transparent)]
     Camera(#[from] CameraError),
@@ -94,7 +99,8 @@ impl Bench {
     pub async fn identify(&mut self) -> Result<Vec<(String, String)>, BenchError> {
         let mut identities = Vec::new();
         for (name, mover) in &mut self.movers {
-            identities.push((name.clone(), mover.identify().await?));
+            let identity = mover.identify().await.map_err(of_device(name))?;
+            identities.push((name.clone(), identity));
         }
         Ok(identities)
     }
@@ -105,7 +111,7 @@ impl Bench {
         let rest: Vec<_> = self.movers.keys().filter(|name| **name != press).cloned().collect();
         for name in std::iter::once(press).chain(rest) {
             self.check_stop()?;
-            self.mover(&name).home().await?;
+            self.mover(&name).home().await.map_err(of_device(&name))?;
         }
         Ok(())
     }
@@ -143,7 +149,7 @@ impl Bench {
         let asked = self.clock.now();
         let mut positions = Vec::new();
         for (name, mover) in &mut self.movers {
-            for reading in mover.position().await? {
+            for reading in mover.position().await.map_err(of_device(name))? {
                 positions.push((name.clone(), reading.axis, reading.position));
             }
         }
@@ -158,7 +164,7 @@ impl Bench {
     async fn resting(&mut self) -> Result<Pose, BenchError> {
         let mut positions = BTreeMap::new();
         for (name, mover) in &mut self.movers {
-            for reading in mover.resting().await? {
+            for reading in mover.resting().await.map_err(of_device(name))? {
                 positions.insert((name.clone(), reading.axis), reading.position);
             }
         }
@@ -181,6 +187,15 @@ impl Bench {
                 commanded: asked,
                 measured: told.map_or(f64::NAN, |(_, _, p)| *p),
             });
+        }
+        // What was measured of an arm is its joints: they are the proof.
+        for (device, axis, position) in measured {
+            let is_a_role = readings.iter().any(|r| r.device == *device && r.axis == *axis);
+            let sent = self.movers.get(device).and_then(|mover| mover.sent_to(axis));
+            if let Some(commanded) = sent.filter(|_| !is_a_role) {
+                let (device, axis) = (device.clone(), axis.clone());
+                readings.push(AxisReading { device, axis, commanded, measured: *position });
+            }
         }
         readings
     }
@@ -238,12 +253,13 @@ impl Bench {
     pub async fn lift(&mut self, z_mm: f64, mm_s: f64) -> Result<(), BenchError> {
         let role = self.map.z.clone();
         let mover = self.mover(&role.device);
-        let here = mover.position().await?.into_iter().find(|reading| reading.axis == role.axis);
+        let here = mover.position().await.map_err(of_device(&role.device))?;
+        let here = here.into_iter().find(|reading| reading.axis == role.axis);
         if here.is_some_and(|reading| role.to_coordinate(reading.position) >= z_mm) {
             return Ok(());
         }
         let target = [(role.axis.as_str(), role.to_axis(z_mm))];
-        Ok(mover.move_to(&target, mm_s).await.map(drop)?)
+        mover.move_to(&target, mm_s).await.map(drop).map_err(of_device(&role.device))
     }
 
     /// Waits until the stop of every device has come to its end: decelerated, held, acknowledged.
@@ -260,8 +276,8 @@ impl Bench {
         for (device, mover) in &self.movers {
             if mover.reference() != Reference::Referenced {
                 let last = mover.link().telemetry().last_loss;
-                let reason = format!("{device}: {}", last.as_deref().unwrap_or("the link was lost"));
-                return Err(MoverError::PositionLost { reason }.into());
+                let reason = last.as_deref().unwrap_or("the link was lost").to_owned();
+                return Err(of_device(device)(MoverError::PositionLost { reason }));
             }
         }
         Ok(())
@@ -297,7 +313,7 @@ impl Bench {
         for (device, targets) in by_device {
             self.check_stop()?;
             let targets: Vec<_> = targets.iter().map(|(role, t)| (role.axis.as_str(), *t)).collect();
-            let reached = self.mover(&device).move_to(&targets, feed).await?;
+            let reached = self.mover(&device).move_to(&targets, feed).await.map_err(of_device(&device))?;
             self.rested_at = Some(reached.rested_at);
         }
         Ok(())
@@ -355,6 +371,11 @@ impl Bench {
     pub fn check_stop(&self) -> Result<(), BenchError> {
         if self.stop.is_raised() { Err(BenchError::Stopped) } else { Ok(()) }
     }
+}
+
+/// Says whose error it is.
+pub(super) fn of_device(device: &str) -> impl FnOnce(MoverError) -> BenchError + '_ {
+    move |source| BenchError::Mover { device: device.to_owned(), source }
 }
 
 /// Smaller differences are no motion: no axis of such a bench resolves a nanometre.

@@ -11,12 +11,12 @@
 
 pub mod hold;
 
-use super::bench::{Bench, BenchError, Feeds};
+use super::bench::{Bench, BenchError, Feeds, of_device};
 use crate::device::link::StopHandle;
 use crate::device::mover::MoverError;
 use crate::motion::Coordinate;
 use crate::pose::Pose;
-use crate::protocol::StopKind;
+use crate::protocol::{Failure, StopKind};
 pub use hold::{Direction, Hold, Touch};
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
@@ -228,9 +228,7 @@ impl<'a> Jog<'a> {
             // A key that is still held does not begin again from here.
             self.hold.let_go();
         }
-        sent?;
-        ended?;
-        Ok(())
+        sent.and(ended.map(drop)).map_err(of_device(&role.device))
     }
 
     /// A target inside the limits, or `None` (and words for it) when there is nothing to move.
@@ -293,8 +291,8 @@ impl<'a> Jog<'a> {
         self.hold.let_go();
         match &error {
             BenchError::Stopped => Err(error),
-            BenchError::Mover(MoverError::Device(crate::protocol::Failure::LinkLost(_))) => Err(error),
-            BenchError::Mover(e) if e.is_stop() => {
+            BenchError::Mover { source: MoverError::Device(Failure::LinkLost(_)), .. } => Err(error),
+            BenchError::Mover { source, .. } if source.is_stop() => {
                 let home = if is_referenced { "" } else { "; press h to home" };
                 self.say(format!("stopped{home}"));
                 Ok(())

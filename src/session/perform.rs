@@ -94,8 +94,8 @@ impl SessionError {
     fn unless_stopped(self, bench: &Bench) -> SessionError {
         let of_a_mover = matches!(
             self,
-            SessionError::Bench(BenchError::Mover(_))
-                | SessionError::TouchOff { source: TouchOffError::Bench(BenchError::Mover(_)), .. }
+            SessionError::Bench(BenchError::Mover { .. })
+                | SessionError::TouchOff { source: TouchOffError::Bench(BenchError::Mover { .. }), .. }
         );
         if of_a_mover && bench.stop.is_raised() { BenchError::Stopped.into() } else { self }
     }

@@ -168,32 +168,54 @@ impl Search<'_> {
 /// Side of a block, pixels: a contact of a few tenths of a millimetre fills one.
 const BLOCK: usize = 16;
 
-/// Largest change of the mean of any block and channel, after the median change is taken off.
+/// Side of a cell of a block, pixels: many enough that noise averages out, few enough to lie on one flank of a dent.
+const CELL: usize = 4;
+
+/// Largest change of any block and channel: the root mean square of the changes of its cells' means, after the
+/// median change of the picture is taken off. Between lights that face each other a dent is as bright on one flank
+/// as it is dark on the other: the mean of a whole block would see nothing.
 pub fn largest_block_change(a: &Frame, b: &Frame) -> f64 {
     if (a.width, a.height) != (b.width, b.height) {
         return f64::INFINITY;
     }
     let (w, h) = (a.width as usize, a.height as usize);
+    let columns = w.div_ceil(CELL);
     let mut largest = 0.0_f64;
     for channel in 0..3 {
-        let mut changes = Vec::with_capacity((w / BLOCK) * (h / BLOCK));
-        for by in (0..h).step_by(BLOCK) {
-            for bx in (0..w).step_by(BLOCK) {
+        // 1. Changes of the cells, less what the whole picture changed.
+        let mut cells = Vec::with_capacity(columns * h.div_ceil(CELL));
+        for cy in (0..h).step_by(CELL) {
+            for cx in (0..w).step_by(CELL) {
                 let (mut sum, mut count) = (0_i64, 0_i64);
-                for y in by..(by + BLOCK).min(h) {
-                    for x in bx..(bx + BLOCK).min(w) {
+                for y in cy..(cy + CELL).min(h) {
+                    for x in cx..(cx + CELL).min(w) {
                         let i = (y * w + x) * 3 + channel;
                         sum += i64::from(b.rgb[i]) - i64::from(a.rgb[i]);
                         count += 1;
                     }
                 }
-                changes.push(sum as f64 / count as f64);
+                cells.push(sum as f64 / count as f64);
             }
         }
-        let mut sorted = changes.clone();
+        let mut sorted = cells.clone();
         sorted.sort_by(f64::total_cmp);
         let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-        largest = changes.iter().map(|c| (c - median).abs()).fold(largest, f64::max);
+
+        // 2. Root mean square over each block.
+        let rows = cells.len() / columns.max(1);
+        const ACROSS: usize = BLOCK / CELL;
+        for by in (0..rows).step_by(ACROSS) {
+            for bx in (0..columns).step_by(ACROSS) {
+                let (mut squares, mut count) = (0.0, 0);
+                for y in by..(by + ACROSS).min(rows) {
+                    for x in bx..(bx + ACROSS).min(columns) {
+                        squares += (cells[y * columns + x] - median).powi(2);
+                        count += 1;
+                    }
+                }
+                largest = largest.max((squares / f64::from(count)).sqrt());
+            }
+        }
     }
     largest
 }

@@ -67,7 +67,7 @@ pub struct Walk<'a> {
     /// Points of the surface lattice along x and y.
     pub lattice: [usize; 2],
     /// Set to end the walk early.
-    pub cancel: &'a AtomicBool,
+    pub cancel: &'a Arc<AtomicBool>,
     /// Receives every outcome, in the order of the walk; answers whether to go on.
     pub emit: &'a mut (dyn FnMut(Outcome) -> bool + Send),
 }
@@ -83,7 +83,10 @@ impl Walk<'_> {
             self.model.indenters.get(&root.indenter).expect("a checked plan names known indenters");
         let begun = Instant::now();
         match elastomer::solver(&self.model.pad, &self.model.settings, indenter.clone(), &root.start) {
-            Ok(state) => self.branches(state, &root.next, begun),
+            Ok(mut state) => {
+                state.interrupt_by(self.cancel.clone());
+                self.branches(state, &root.next, begun)
+            }
             Err(error) => self.fail(&root.next, error),
         }
     }
@@ -103,8 +106,10 @@ impl Walk<'_> {
         if self.cancel.load(Ordering::Relaxed) {
             return false;
         }
-        if let Err(error) = state.advance(&branch.pose) {
-            return self.fail(std::slice::from_ref(branch), error);
+        match state.advance(&branch.pose) {
+            Ok(()) => {}
+            Err(elastomer::Error::Interrupted) => return false,
+            Err(error) => return self.fail(std::slice::from_ref(branch), error),
         }
         if !branch.captures.is_empty() {
             let [nx, ny] = self.lattice;

@@ -1,4 +1,4 @@
-//! The virtual rig file's bench, with pipes for ports: everything that was sent can be read back, every
+//! A virtual rig file's bench, with pipes for ports: everything that was sent can be read back, every
 //! device and the camera can be broken, and what is true can be asked of the world.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -24,6 +24,7 @@ use twinrig::session::{Bench, Event, Session, SessionError, StopLevel, StopSwitc
 
 /// A rig file's overrides and a plan.
 pub struct Wanted {
+    rig: &'static str,
     plan: &'static str,
     pub sets: Vec<String>,
     /// Whether the camera has the sensor's raster; else a coarse one, which is much cheaper to draw.
@@ -31,7 +32,7 @@ pub struct Wanted {
 }
 
 fn wanted(plan: &'static str, sets: &[&str]) -> Wanted {
-    Wanted { plan, sets: sets.iter().map(|s| (*s).to_owned()).collect(), full_raster: false }
+    Wanted { rig: "virtual", plan, sets: sets.iter().map(|s| (*s).to_owned()).collect(), full_raster: false }
 }
 
 const SPHERE: &str = "plan.indenters=[{ name = \"sphere\", edge_round_mm = 0.0 }]";
@@ -69,6 +70,11 @@ pub fn pressed_by_grbl() -> Wanted {
     )
 }
 
+/// The same plans on the servo arm, which does everything by itself.
+pub fn by_servo_arm(wanted: Wanted) -> Wanted {
+    Wanted { rig: "servo_arm", ..wanted }
+}
+
 /// A bench that stands ready.
 pub struct TestBench {
     pub bench: Bench,
@@ -92,10 +98,14 @@ pub struct Refused {
     pub moved_by: f64,
 }
 
-const AXES: [(&str, &str); 4] = [("arm", "y"), ("arm", "z"), ("stage", "x"), ("stage", "turn")];
+/// Every axis of every device of a rig.
+fn axes(setup: &Setup) -> Vec<(String, String)> {
+    let each = setup.rig.devices.iter();
+    each.flat_map(|(device, mover)| mover.axes.keys().map(|axis| (device.clone(), axis.clone()))).collect()
+}
 
-fn true_axes(world: &World, now: Timestamp) -> Vec<f64> {
-    AXES.iter().map(|(device, axis)| world.position(device, axis, now)).collect()
+fn true_axes(setup: &Setup, world: &World, now: Timestamp) -> Vec<f64> {
+    axes(setup).iter().map(|(device, axis)| world.position(device, axis, now)).collect()
 }
 
 impl TestBench {
@@ -111,11 +121,11 @@ impl TestBench {
     ) -> Result<TestBench, Refused> {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs");
         let plan = root.join(format!("plans/{}.toml", wanted.plan));
-        let setup = config::load(&root.join("virtual.toml"), Some(&plan), &wanted.sets)
+        let setup = config::load(&root.join(format!("{}.toml", wanted.rig)), Some(&plan), &wanted.sets)
             .unwrap_or_else(|e| panic!("{e}"));
         let clock = Clock::real_time();
         let rig = &setup.rig;
-        let world = World::new(rig.motion.clone(), rig.world.unwrap().contact_offset_mm);
+        let world = World::with_arms(rig.motion.clone(), rig.arms(), rig.world.unwrap().contact_offset_mm);
         let stop = StopSwitch::new();
         let (mut devices, mut sent, mut movers) = (BTreeMap::new(), BTreeMap::new(), BTreeMap::new());
         let mut started = BTreeMap::new();
@@ -132,13 +142,13 @@ impl TestBench {
             let served = device.clone();
             tokio::spawn(async move { serve(far, &served, clock).await });
             let record = Sent::default();
-            let before = true_axes(&world, clock.now());
+            let before = true_axes(&setup, &world, clock.now());
             let tap = Tap { stream: near, sent: record.clone() };
             let mover = match Mover::connect(tap, spec, settings.clone(), clock).await {
                 Ok(mover) => mover,
                 Err(error) => {
                     clock.sleep(Duration::from_secs(10)).await;
-                    let after = true_axes(&world, clock.now());
+                    let after = true_axes(&setup, &world, clock.now());
                     let moved = before.iter().zip(&after).map(|(b, a)| (a - b).abs());
                     return Err(Refused { error, moved_by: moved.fold(0.0, f64::max) });
                 }
@@ -301,20 +311,24 @@ impl TestBench {
 
     /// Nothing moves now, nor during the next minute.
     pub async fn assert_at_rest_from_now_on(&self) {
-        let before = true_axes(&self.world, self.clock.now());
+        let before = true_axes(&self.setup, &self.world, self.clock.now());
         self.clock.sleep(Duration::from_secs(60)).await;
-        assert_eq!(true_axes(&self.world, self.clock.now()), before, "something moves after the end");
+        assert_eq!(
+            true_axes(&self.setup, &self.world, self.clock.now()),
+            before,
+            "something moves after the end"
+        );
     }
 }
 
 impl TestBench {
     /// What the faulty device was doing when it was lost it may finish; nothing else begins to move.
     pub async fn assert_ends_at_rest(&self, faulty: &str, tried: &str) {
-        let now = |b: &Self| true_axes(&b.world, b.clock.now());
+        let now = |b: &Self| true_axes(&b.setup, &b.world, b.clock.now());
         let before = now(self);
         self.clock.sleep(Duration::from_secs(60)).await;
         let finished = now(self);
-        for (i, (device, axis)) in AXES.iter().enumerate() {
+        for (i, (device, axis)) in axes(&self.setup).iter().enumerate() {
             assert!(
                 *device == faulty || before[i] == finished[i],
                 "{tried}: {device} {axis} moves after the end"

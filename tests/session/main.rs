@@ -4,6 +4,7 @@
 //! its frame was exposed after that; a session that ends early has stopped both movers, and has lifted
 //! the arm if, and only if, its position is trusted.
 
+mod arm;
 mod bench_over_pipes;
 mod faults;
 mod overhead;
@@ -187,7 +188,7 @@ async fn a_stop_at_any_time_is_a_stop_and_nothing_moves_sideways_after_it() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_lost_stage_does_not_keep_a_trusted_arm_down() {
+async fn pitfall_26_a_lost_stage_does_not_keep_a_trusted_arm_down() {
     // The arm is a GRBL here, so that its stop keeps the position.
     let mut b = TestBench::new(&pressed_by_grbl()).await.unwrap();
     let struck = b.strike_after_capture(0, "arm", FaultKind::Unplug, 10);
@@ -196,9 +197,10 @@ async fn a_lost_stage_does_not_keep_a_trusted_arm_down() {
     assert!(
         matches!(
             &error,
-            SessionError::Bench(BenchError::Mover(
-                MoverError::Device(Failure::LinkLost(_)) | MoverError::PositionLost { .. }
-            ))
+            SessionError::Bench(BenchError::Mover {
+                source: MoverError::Device(Failure::LinkLost(_)) | MoverError::PositionLost { .. },
+                ..
+            })
         ),
         "{error:?}"
     );

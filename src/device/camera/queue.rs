@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn frames_exposed_before_the_instant_are_passed_over() {
+    async fn pitfall_22_frames_exposed_before_the_instant_are_passed_over() {
         let queue = FrameQueue::default();
         for i in 0..3 {
             queue.push(grey(i, i64::from(i) * 10));

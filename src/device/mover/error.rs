@@ -1,6 +1,6 @@
 //! What can go wrong with a mover, each with the next move.
 
-use crate::motion::LimitError;
+use crate::motion::{LimitError, ReachError};
 use crate::protocol::{EncodeError, Failure};
 
 /// Why a mover did not do what it was asked.
@@ -9,6 +9,9 @@ pub enum MoverError {
     /// Beyond a limit. Nothing was sent.
     #[error(transparent)]
     Limit(#[from] LimitError),
+    /// The arm cannot take a pose. Nothing was sent.
+    #[error(transparent)]
+    Reach(#[from] ReachError),
     /// There is no such axis.
     #[error(
         "there is no axis {axis}; this device has {known}: correct the name, or add the axis to the rig file"

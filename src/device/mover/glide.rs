@@ -4,6 +4,7 @@
 //! the one before it is still being carried out: whoever drives it only has to go on, and when it does not
 //! (a key was let go, a program was killed, a cable came off) the device stops at the end of the last piece.
 
+use super::travel::check_targets;
 use super::{Measured, Mover, MoverError};
 use crate::protocol::{Request, Which};
 
@@ -22,7 +23,8 @@ impl Mover {
     pub async fn jog_cancel(&mut self) -> Result<Vec<Measured>, MoverError> {
         self.call(Request::Run(Which::JogCancel)).await?;
         self.settle().await?;
-        self.read_positions().await
+        let axes = self.read_positions().await?;
+        Ok(self.with_tool(axes))
     }
 
     /// One piece of a glide: returns when the device has accepted it, long before it has arrived.
@@ -40,7 +42,8 @@ impl Mover {
             return self.jog_cancel().await;
         }
         self.settle().await?;
-        self.read_positions().await
+        let axes = self.read_positions().await?;
+        Ok(self.with_tool(axes))
     }
 
     fn can_cancel(&self) -> bool {
@@ -49,10 +52,14 @@ impl Mover {
 
     async fn accept(&mut self, axis: &str, target: f64, feed: f64) -> Result<(), MoverError> {
         self.end_of_stop().await?;
-        self.resting = None;
-        let targets = self.check_targets(&[(axis, target)])?;
-        self.settings.axes[axis].limits().check_feed(axis, feed)?;
+        let axes = self.settings.pose_axes();
+        let targets = check_targets(&axes, &[(axis, target)])?;
+        axes[axis].limits().check_feed(axis, feed)?;
         self.require_reference()?;
+        if self.tool.is_some() {
+            return self.glide_tool(&targets, feed).await;
+        }
+        self.resting = None;
         self.call(Request::Move { targets, feed, jog: self.can_cancel() }).await?;
         Ok(())
     }

@@ -4,6 +4,7 @@
 //! through an [`Observer`], from any thread and while a move is under way.
 
 use super::Reference;
+use super::tool::Tool;
 use crate::device::link::Telemetry;
 use crate::motion::AxisKind;
 use crate::protocol::spec::MotionState;
@@ -71,6 +72,8 @@ pub struct Observer {
     pub(super) identity: Option<String>,
     /// Name, kind, lowest and highest position of each axis, in the order of the telemetry.
     pub(super) axes: Vec<(String, AxisKind, [f64; 2])>,
+    /// The tool in front of them, where they are joints.
+    pub(super) tool: Option<Tool>,
 }
 
 /// A mover as it was last heard of.
@@ -114,6 +117,9 @@ impl Observer {
     pub fn look(&self) -> Seen {
         let telemetry = self.telemetry.borrow().clone();
         let reference = self.homed.reference(&telemetry);
+        let known = telemetry.positions.iter().map(|reading| reading.map(|r| r.value));
+        let joints: Option<Vec<f64>> = known.collect::<Option<_>>().filter(|all: &Vec<_>| !all.is_empty());
+        let of_the_tool = self.tool.iter().flat_map(|tool| tool.seen(joints.as_deref()));
         let readings = telemetry.positions.iter().copied().chain(std::iter::repeat(None));
         let axes = self.axes.iter().zip(readings).map(|((axis, kind, [min, max]), reading)| SeenAxis {
             axis: axis.clone(),
@@ -128,7 +134,7 @@ impl Observer {
             identity: self.identity.clone(),
             reference,
             state: telemetry.state,
-            axes: axes.collect(),
+            axes: of_the_tool.chain(axes).collect(),
             last_loss: telemetry.last_loss,
             link_lost: telemetry.ended,
         }

@@ -11,14 +11,14 @@ use crate::protocol::conformance::tests::shipped;
 use std::sync::Mutex;
 
 /// A mover connected to an emulator.
-struct Bench {
-    mover: Mover,
-    device: SharedDevice,
-    world: World,
-    clock: Clock,
+pub(super) struct Bench {
+    pub(super) mover: Mover,
+    pub(super) device: SharedDevice,
+    pub(super) world: World,
+    pub(super) clock: Clock,
 }
 
-fn axis(wire: &str, min: f64, max: f64) -> AxisSettings {
+pub(super) fn axis(wire: &str, min: f64, max: f64) -> AxisSettings {
     AxisSettings {
         wire: wire.to_owned(),
         kind: AxisKind::Linear,
@@ -32,7 +32,7 @@ fn axis(wire: &str, min: f64, max: f64) -> AxisSettings {
     }
 }
 
-fn settings(protocol: &str, axes: &[(&str, AxisSettings)]) -> MoverSettings {
+pub(super) fn settings(protocol: &str, axes: &[(&str, AxisSettings)]) -> MoverSettings {
     MoverSettings {
         protocol: protocol.to_owned(),
         port: PortSettings::Path("virtual".to_owned()),
@@ -42,6 +42,7 @@ fn settings(protocol: &str, axes: &[(&str, AxisSettings)]) -> MoverSettings {
         settle_ms: 150,
         stall_ms: 3000,
         axes: axes.iter().map(|(name, axis)| ((*name).to_owned(), axis.clone())).collect(),
+        kinematics: None,
     }
 }
 
@@ -84,7 +85,7 @@ async fn connect(settings: MoverSettings, plan: FaultPlan) -> Result<Bench, Move
     Ok(Bench { mover: mover?, device, world, clock })
 }
 
-async fn homed(settings: MoverSettings) -> Bench {
+pub(super) async fn homed(settings: MoverSettings) -> Bench {
     let mut bench = connect(settings, FaultPlan::none()).await.unwrap();
     bench.mover.home().await.unwrap();
     bench
@@ -95,7 +96,7 @@ impl Bench {
         with(&self.device, |d| d.strike_later(Fault { at, what }));
     }
 
-    fn truth(&self, axis: &str) -> f64 {
+    pub(super) fn truth(&self, axis: &str) -> f64 {
         self.world.position("stage", axis, self.clock.now())
     }
 }
@@ -414,7 +415,7 @@ fn an_axis_the_protocol_cannot_name_is_refused() {
 }
 
 /// Speaks in counts, so its axis has a scale; everything else as [`axis`].
-fn counted(wire: &str, max: f64, counts_per_unit: f64) -> AxisSettings {
+pub(super) fn counted(wire: &str, max: f64, counts_per_unit: f64) -> AxisSettings {
     AxisSettings {
         counts_per_unit: Some(counts_per_unit),
         max_feed: 40.0,
@@ -423,7 +424,7 @@ fn counted(wire: &str, max: f64, counts_per_unit: f64) -> AxisSettings {
     }
 }
 
-fn dobot() -> MoverSettings {
+pub(super) fn dobot() -> MoverSettings {
     let arm =
         |wire: &str, min, max| (wire.to_owned(), AxisSettings { max_feed: 80.0, ..axis(wire, min, max) });
     let mut settings = settings("dobot_magician", &[]);
@@ -434,7 +435,7 @@ fn dobot() -> MoverSettings {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_feed_of_a_move_is_the_speed_of_the_device_whatever_it_was_set_to() {
+async fn pitfall_28_the_feed_of_a_move_is_the_speed_of_the_device_whatever_it_was_set_to() {
     let turn = 4096.0 / 360.0;
     let devices = [
         (settings("thorlabs_apt", &[("a", counted("80/1", 50.0, 34554.96))]), "a", [1.0, 5.0], 1.0),

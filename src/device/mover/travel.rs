@@ -6,10 +6,14 @@
 
 use super::{Measured, Mover, MoverError, Reference};
 use crate::clock::{Part, Timestamp, spent};
-use crate::device::settings::{Approach, MoverSettings, Side};
+use crate::device::settings::{Approach, AxisSettings, Side};
 use crate::motion::{LimitError, Profile};
 use crate::protocol::{Failure, Request, StopKind};
+use std::collections::BTreeMap;
 use std::time::Duration;
+
+/// Axes by name; their order is that of indices.
+type Axes = BTreeMap<String, AxisSettings>;
 
 /// Where a move ended, with the proof.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,14 +32,10 @@ const READBACK_TRIES: u32 = 5;
 const READBACK_PAUSE: Duration = Duration::from_millis(100);
 
 /// One leg, or two where an axis must be approached from the other side. Axes are in the order of their names.
-pub(super) fn legs(
-    settings: &MoverSettings,
-    targets: &[(usize, f64)],
-    here: &[f64],
-) -> Vec<Vec<(usize, f64)>> {
+pub(super) fn legs(axes: &Axes, targets: &[(usize, f64)], here: &[f64]) -> Vec<Vec<(usize, f64)>> {
     let mut first = targets.to_vec();
     for (at, target) in &mut first {
-        let Some(settings) = settings.axes.values().nth(*at) else { continue };
+        let Some(settings) = axes.values().nth(*at) else { continue };
         let Some(Approach { from, distance }) = settings.approach else { continue };
         let now = here[*at];
         // At the target already, the lash was taken up when it was reached.
@@ -49,50 +49,63 @@ pub(super) fn legs(
     if first == targets { vec![first] } else { vec![first, targets.to_vec()] }
 }
 
+/// Targets by index, every one inside its limits.
+pub(super) fn check_targets(axes: &Axes, targets: &[(&str, f64)]) -> Result<Vec<(usize, f64)>, MoverError> {
+    let mut indexed = Vec::new();
+    for (name, target) in targets {
+        let Some((at, (_, settings))) = axes.iter().enumerate().find(|(_, (n, _))| n == name) else {
+            let known = axes.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+            return Err(MoverError::UnknownAxis { axis: (*name).to_owned(), known });
+        };
+        settings.limits().check_position(name, *target)?;
+        indexed.push((at, *target));
+    }
+    Ok(indexed)
+}
+
+/// No axis may be faster than its limit: of the feed along the line each gets its share.
+pub(super) fn check_feed(
+    axes: &Axes,
+    targets: &[(usize, f64)],
+    feed: f64,
+    here: &[f64],
+) -> Result<(), LimitError> {
+    let deltas: Vec<f64> = targets.iter().map(|(at, t)| (t - here[*at]).abs()).collect();
+    let length = deltas.iter().map(|d| d * d).sum::<f64>().sqrt();
+    for ((at, _), delta) in targets.iter().zip(&deltas) {
+        let Some((name, settings)) = axes.iter().nth(*at) else { continue };
+        let share = if length > 0.0 { delta / length } else { 1.0 };
+        let limits = settings.limits();
+        if targets.len() == 1 {
+            limits.check_feed(name, feed)?;
+        } else if share > 0.0 || feed.is_nan() || feed <= 0.0 {
+            limits.check_feed(name, feed * share.max(f64::MIN_POSITIVE))?;
+        }
+    }
+    Ok(())
+}
+
 impl Mover {
     /// Moves axes to targets in a straight line, at `feed` along it in axis units per second, and
     /// returns when the device has arrived, was measured within tolerance, and has settled.
     pub async fn move_to(&mut self, targets: &[(&str, f64)], feed: f64) -> Result<Reached, MoverError> {
         self.end_of_stop().await?;
-        let targets = self.check_targets(targets)?;
+        let axes = self.settings.pose_axes();
+        let targets = check_targets(&axes, targets)?;
         self.require_reference()?;
-        let here = self.resting().await?;
-        self.check_feed(&targets, feed, &here)?;
+        if self.tool.is_some() {
+            return self.move_tool(&axes, &targets, feed).await;
+        }
+        let here = self.resting_axes().await?;
+        let places: Vec<f64> = here.iter().map(|measured| measured.position).collect();
+        check_feed(&axes, &targets, feed, &places)?;
         let mut reached = Reached { measured: here.clone(), rested_at: self.clock.now(), recoveries: 0 };
-        for leg in self.legs(&targets, &here) {
+        for leg in legs(&axes, &targets, &places) {
             self.still_allowed()?;
-            let legs = self.travel(&leg, &reached.measured, feed).await?;
+            let legs = self.travel(&leg, &reached.measured, feed, self.settling()).await?;
             reached = Reached { recoveries: reached.recoveries + legs.recoveries, ..legs };
         }
         Ok(reached)
-    }
-
-    /// Targets by index, every one inside its limits.
-    pub(super) fn check_targets(&self, targets: &[(&str, f64)]) -> Result<Vec<(usize, f64)>, MoverError> {
-        let mut indexed = Vec::new();
-        for (name, target) in targets {
-            let (at, settings) = self.axis(name)?;
-            settings.limits().check_position(name, *target)?;
-            indexed.push((at, *target));
-        }
-        Ok(indexed)
-    }
-
-    /// No axis may be faster than its limit: of the feed along the line each gets its share.
-    fn check_feed(&self, targets: &[(usize, f64)], feed: f64, here: &[Measured]) -> Result<(), LimitError> {
-        let deltas: Vec<f64> = targets.iter().map(|(at, t)| (t - here[*at].position).abs()).collect();
-        let length = deltas.iter().map(|d| d * d).sum::<f64>().sqrt();
-        for ((at, _), delta) in targets.iter().zip(&deltas) {
-            let name = &self.names[*at];
-            let share = if length > 0.0 { delta / length } else { 1.0 };
-            let limits = self.settings.axes[name].limits();
-            if targets.len() == 1 {
-                limits.check_feed(name, feed)?;
-            } else if share > 0.0 || feed.is_nan() || feed <= 0.0 {
-                limits.check_feed(name, feed * share.max(f64::MIN_POSITIVE))?;
-            }
-        }
-        Ok(())
     }
 
     pub(super) fn require_reference(&self) -> Result<(), MoverError> {
@@ -114,17 +127,19 @@ impl Mover {
         self.require_reference()
     }
 
-    fn legs(&self, targets: &[(usize, f64)], here: &[Measured]) -> Vec<Vec<(usize, f64)>> {
-        let here: Vec<f64> = here.iter().map(|measured| measured.position).collect();
-        legs(&self.settings, targets, &here)
+    /// How long vibrations take to die after a move.
+    pub(super) fn settling(&self) -> Duration {
+        Duration::from_millis(self.settings.settle_ms)
     }
 
-    /// Sends one straight move and proves its end.
-    async fn travel(
+    /// Sends one straight move of the axes on the wire and proves its end; without `settling` it is one piece of
+    /// several, and what it proves is where it ended.
+    pub(super) async fn travel(
         &mut self,
         targets: &[(usize, f64)],
         here: &[Measured],
         feed: f64,
+        settling: Duration,
     ) -> Result<Reached, MoverError> {
         let mut recoveries = 0;
         self.resting = None;
@@ -145,18 +160,19 @@ impl Mover {
         let ended = self.clock.now();
         let arrived = self.measure_arrival(targets).await;
         self.require_kept()?;
-        match arrived {
-            Ok(_) => {}
+        let mut measured = match arrived {
+            Ok(measured) => measured,
             Err(MoverError::NotReached { .. }) if !confirmed => return Err(MoverError::MoveUnconfirmed),
             Err(e) => return Err(e),
-        }
+        };
         // The question has been answered while it settled.
-        let settling = Duration::from_millis(self.settings.settle_ms);
         self.clock.sleep(settling.saturating_sub(self.clock.now().since(ended))).await;
         self.still_allowed()?;
         let settled = self.clock.now();
-        let measured = self.measure_arrival(targets).await?;
-        self.require_kept()?;
+        if !settling.is_zero() {
+            measured = self.measure_arrival(targets).await?;
+            self.require_kept()?;
+        }
 
         let way = self.shortest(targets, here, feed);
         spent(Part::Command, accepted.since(begun));

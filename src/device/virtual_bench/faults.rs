@@ -209,6 +209,11 @@ impl Faulty {
         self.reply_bytes
     }
 
+    /// How many bytes the client has sent.
+    pub fn request_bytes(&self) -> u64 {
+        self.request_bytes
+    }
+
     /// How many replies the emulator has sent: the number of the next one.
     pub fn replies(&self) -> u64 {
         self.replies

@@ -188,6 +188,14 @@ impl Emulator {
         }
     }
 
+    /// The counter of the axis of that wire name agrees with the truth again: what an absolute encoder sees.
+    pub fn reseat(&mut self, wire: &str) {
+        let motors = self.firmware.motors();
+        if let Some(i) = motors.find(wire) {
+            motors.set_home(i);
+        }
+    }
+
     /// What the firmware counts on the axis of that wire name.
     pub fn counted(&mut self, wire: &str, now: Timestamp) -> Option<f64> {
         self.advance(now);

@@ -11,7 +11,7 @@
 //!
 //! Added by us: the gel's texture is carried along when a pressed indenter slides or turns ([`Drag`]),
 //! and gel piles up ahead of it. Amounts are found by experiment, to look like the pictures of a GelSight
-//! (FOTS) and of a 9DTact. There is no physics here and no time: who asks, and when, is
+//! (FOTS). There is no physics here and no time: who asks, and when, is
 //! [`super::camera`]'s affair.
 
 pub mod look;

@@ -6,11 +6,13 @@
 //! lost steps) is its own affair, and so is the nominal contact of the rig file: the pad's face is
 //! `contact_offset_mm` above where the rig file says, so that touch-off has something to find.
 //!
+//! An arm with joints has its tool where its joints put it: true joints, true kinematics.
+//!
 //! Nothing here answers bytes and nothing here draws.
 
 use crate::clock::Timestamp;
 use crate::indenter::Indenter;
-use crate::motion::{PoseMap, Profile};
+use crate::motion::{Arm, PoseMap, Profile};
 use crate::pose::Pose;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -24,6 +26,8 @@ pub struct World(Arc<Mutex<Inner>>);
 
 struct Inner {
     map: Option<PoseMap>,
+    /// Devices whose axes are joints.
+    arms: BTreeMap<String, Arm>,
     contact_offset_mm: f64,
     axes: BTreeMap<(String, String), VecDeque<Leg>>,
     indenter: Option<Arc<dyn Indenter>>,
@@ -47,16 +51,21 @@ pub struct WorldScene {
 impl World {
     /// A world with a pad whose true face lies `contact_offset_mm` above the nominal contact.
     pub fn new(map: PoseMap, contact_offset_mm: f64) -> Self {
-        Self::with_map(Some(map), contact_offset_mm)
+        Self::with_arms(map, BTreeMap::new(), contact_offset_mm)
+    }
+
+    /// As [`World::new`], where the axes of some devices are the joints of arms.
+    pub fn with_arms(map: PoseMap, arms: BTreeMap<String, Arm>, contact_offset_mm: f64) -> Self {
+        Self::with_map(Some(map), arms, contact_offset_mm)
     }
 
     /// A world with movers only, for emulators that nobody watches. Its pose is always zero.
     pub fn without_pad() -> Self {
-        Self::with_map(None, 0.0)
+        Self::with_map(None, BTreeMap::new(), 0.0)
     }
 
-    fn with_map(map: Option<PoseMap>, contact_offset_mm: f64) -> Self {
-        let inner = Inner { map, contact_offset_mm, axes: BTreeMap::new(), indenter: None };
+    fn with_map(map: Option<PoseMap>, arms: BTreeMap<String, Arm>, contact_offset_mm: f64) -> Self {
+        let inner = Inner { map, arms, contact_offset_mm, axes: BTreeMap::new(), indenter: None };
         World(Arc::new(Mutex::new(inner)))
     }
 
@@ -117,7 +126,7 @@ impl World {
     pub fn scene_at(&self, t: Timestamp) -> WorldScene {
         let inner = self.lock();
         let mut pose = match &inner.map {
-            Some(map) => map.pose(|device, axis| inner.position(device, axis, t)),
+            Some(map) => map.pose(|device, axis| inner.pose_axis(device, axis, t)),
             None => Pose::default(),
         };
         pose.z_mm -= inner.contact_offset_mm;
@@ -132,6 +141,16 @@ impl Inner {
         let leg = legs.iter().rev().find(|leg| leg.starts <= t).or(legs.front())?;
         let placed = leg.starts.0 == i64::MIN;
         Some((leg.profile, if placed { 0.0 } else { t.seconds_since(leg.starts) }))
+    }
+
+    /// An axis that poses are made of: the tool's where there is one, or else the device's own.
+    fn pose_axis(&self, device: &str, axis: &str, t: Timestamp) -> f64 {
+        let of_the_tool = self.arms.get(device).and_then(|arm| {
+            let joints: Vec<f64> =
+                arm.chain.joints.iter().map(|joint| self.position(device, &joint.axis, t)).collect();
+            arm.tool_axis(axis, &joints)
+        });
+        of_the_tool.unwrap_or_else(|| self.position(device, axis, t))
     }
 
     fn position(&self, device: &str, axis: &str, t: Timestamp) -> f64 {

@@ -114,7 +114,12 @@ fn displacement(s: &QuasiStaticSolver, x: f64, y: f64) -> DVec3 {
 fn a_frictionless_sphere_agrees_with_finite_elements() {
     let mut s = solver(Friction::Coefficient(0.0), Arc::new(Sphere(4.0)), Law::FixedCorotated);
     s.advance(&Pose::new(0.0, 0.0, -0.25, 0.0)).expect("an easy press");
-    let forces = s.capture(201, 201).expect("a lattice").forces;
+    let capture = s.capture(201, 201).expect("a lattice");
+    let forces = capture.forces;
+    let radius = (capture.stats.contact_area_mm2 / std::f64::consts::PI).sqrt();
+    assert!((radius - 1.094).abs() < 0.02 * 1.094, "{radius}");
+    let marked = capture.contact.iter().filter(|c| **c).count() as f64 * 0.01;
+    assert!((marked - capture.stats.contact_area_mm2).abs() < 0.05 * marked, "{marked} mm2");
     assert!((forces.normal_force_n - 0.0794).abs() < 0.01 * 0.0794, "{forces:?}");
     let (mut sum, mut n, mut bulge) = (0.0, 0, 0.0f64);
     for line in SPHERE_BY_FINITE_ELEMENTS.lines().skip(1) {

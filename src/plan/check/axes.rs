@@ -7,7 +7,8 @@ use crate::pose::Pose;
 use crate::problem::Problems;
 use std::collections::BTreeMap;
 
-pub(super) fn check(plan: &Plan, trajectory: &Trajectory, rig: &RigFences, problems: &mut Problems) {
+/// The rules about axes alone; for all of them see [`super::check`].
+pub fn check(plan: &Plan, trajectory: &Trajectory, rig: &RigFences, problems: &mut Problems) {
     for coordinate in Coordinate::ALL {
         match rig.map.role(coordinate) {
             None => check_unprovided(coordinate, trajectory, problems),
@@ -133,7 +134,7 @@ fn check_provided(
     }
 }
 
-fn described(coordinate: Coordinate, pose: &Pose, waypoint: Option<&Waypoint>) -> String {
+pub(super) fn described(coordinate: Coordinate, pose: &Pose, waypoint: Option<&Waypoint>) -> String {
     let what = match waypoint {
         None => "the start".to_owned(),
         Some(Waypoint { capture: Some(capture), .. }) => format!("capture {capture}"),
@@ -142,7 +143,7 @@ fn described(coordinate: Coordinate, pose: &Pose, waypoint: Option<&Waypoint>) -
     format!("{} = {} ({what})", coordinate.name(), coordinate.of(pose))
 }
 
-fn phase_name(phase: Phase) -> &'static str {
+pub(super) fn phase_name(phase: Phase) -> &'static str {
     match phase {
         Phase::Approach => "approach",
         Phase::Press => "press",
@@ -153,7 +154,7 @@ fn phase_name(phase: Phase) -> &'static str {
 }
 
 /// The key of the plan file that decides a coordinate in a phase.
-fn plan_key(coordinate: Coordinate, phase: Phase) -> &'static str {
+pub(super) fn plan_key(coordinate: Coordinate, phase: Phase) -> &'static str {
     match (coordinate, phase) {
         (Coordinate::Theta, _) => "rotate.angle_deg",
         (Coordinate::Z, Phase::Approach | Phase::Retract) => "clearance_mm",

@@ -157,6 +157,52 @@ fn two_devices_cannot_slide_along_an_oblique_line() {
 }
 
 #[test]
+fn a_pose_out_of_an_arms_reach_is_named_with_the_reach() {
+    use crate::motion::{Arm, Chain, Joint, Place};
+    let joint = |axis: &str, xyz_mm, about, range: [f64; 2]| {
+        let origin = Place { xyz_mm, rpy_deg: [0.0; 3] };
+        Joint { axis: axis.into(), origin, about, zero_deg: 0.0, min_deg: range[0], max_deg: range[1] }
+    };
+    // Five joints, as SO-101 has them: 247 mm from the second to the wrist.
+    let chain = Chain {
+        base: Place { xyz_mm: [-220.0, 0.0, -40.0], rpy_deg: [0.0; 3] },
+        joints: vec![
+            joint("pan", [0.0, 0.0, 55.0], [0.0, 0.0, 1.0], [-110.0, 110.0]),
+            joint("lift", [30.0, 0.0, 60.0], [0.0, 1.0, 0.0], [-100.0, 100.0]),
+            joint("elbow", [28.0, 0.0, 112.0], [0.0, 1.0, 0.0], [-97.0, 97.0]),
+            joint("wrist", [135.0, 0.0, 5.0], [0.0, 1.0, 0.0], [-95.0, 95.0]),
+            joint("roll", [60.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-160.0, 160.0]),
+        ],
+        tip: Place { xyz_mm: [40.0, 0.0, 0.0], rpy_deg: [0.0; 3] },
+        press: [1.0, 0.0, 0.0],
+        turns: true,
+    };
+    let mut rig = rig();
+    for (coordinate, name) in [(&mut rig.map.x, "x"), (&mut rig.map.y, "y"), (&mut rig.map.theta, "theta")] {
+        *coordinate = Some(role("arm", name, 1.0, 0.0));
+    }
+    rig.map.z = role("arm", "z", 1.0, 0.0);
+    for fence in rig.axes.values_mut() {
+        (fence.limits.min, fence.limits.max) = (-100.0, 100.0);
+    }
+    let turn = rig.axes.remove(&("stage".into(), "turn".into())).unwrap();
+    rig.axes.insert(("arm".into(), "theta".into()), turn);
+    rig.arms.insert("arm".into(), Arm { chain, line_mm: 0.05 });
+    assert_eq!(found(&slip(), &rig, 3.0), [], "within reach");
+
+    let base = &mut rig.arms.get_mut("arm").unwrap().chain.base;
+    base.xyz_mm = [-300.0, 0.0, -40.0];
+    let far = found(&slip(), &rig, 3.0);
+    let keys = keys(&far);
+    assert!(keys.contains(&"slide.distance_mm") && !keys.iter().any(|k| k.starts_with("feeds")), "{far:?}");
+    let slide = far.iter().find(|p| p.key == "slide.distance_mm").unwrap();
+    for part in ["episode 1", "(x 5.000", "out of the arm's reach", "mm long", "the worst of "] {
+        assert!(slide.value.contains(part), "{part} is not in {}", slide.value);
+    }
+    assert!(slide.next.contains("[devices.arm.kinematics]"), "{}", slide.next);
+}
+
+#[test]
 fn everything_is_reported_at_once() {
     let mut plan = slip();
     plan.depths_mm = vec![3.0];

@@ -42,7 +42,8 @@ impl Engine {
                 name.map_or_else(Vec::new, |n| self.addresses(&n).into_iter().map(send).collect())
             }
             Request::Move { targets, feed, jog } => {
-                self.plan_move(&targets, feed, jog)?.into_iter().map(send).collect()
+                let here: Vec<Option<f64>> = self.positions().iter().map(|p| p.map(|p| p.value)).collect();
+                self.plan_move(&targets, feed, jog, &here)?.into_iter().map(send).collect()
             }
             Request::Settle { stall } => vec![plain(Act::Settle(stall))],
             // A question whose answer is lost may be asked again.
@@ -81,6 +82,7 @@ impl Engine {
         let mut task = Task::new(ticket, acts);
         task.survives_alarm = matches!(which, Which::Recover(_));
         task.trust = procedure.trust;
+        task.homes = *which == Which::Home;
         task
     }
 
@@ -112,12 +114,14 @@ impl Engine {
         }
     }
 
-    /// The commands of a move, all written once on trial, so that either all can be sent or none is.
+    /// The commands of a move, all written once on trial, so that either all can be sent or none is. `here` is where
+    /// the axes are, as far as it is known.
     pub(super) fn plan_move(
         &self,
         targets: &[(usize, f64)],
         feed: f64,
         jog: bool,
+        here: &[Option<f64>],
     ) -> Result<Vec<Address>, Failure> {
         let names = if jog && !self.spec.motion.jog.is_empty() {
             &self.spec.motion.jog
@@ -125,7 +129,7 @@ impl Engine {
             &self.spec.motion.go
         };
         let axis = &self.spec.axis;
-        let numbers = |at: usize, target: f64| {
+        let numbers = |at: usize, target: f64, feed: f64| {
             let mut fields = self.groups[at].clone();
             let scale = self.axes[at].counts_per_unit.unwrap_or(1.0);
             fields.insert("pos".to_owned(), Value::Text(decimal(target, axis.decimals).unwrap_or_default()));
@@ -133,6 +137,9 @@ impl Engine {
             let counts = feed * scale.abs() * axis.feed_counts_scale;
             fields.insert("feed_counts".to_owned(), Value::Int(counts.round().max(1.0) as i64));
             fields.insert("feed".to_owned(), Value::Num(feed * axis.feed_scale));
+            // As a whole number it is never 0, which to many means as fast as they can.
+            let whole = (feed * axis.feed_scale).round().max(1.0);
+            fields.insert("feed_whole".to_owned(), Value::Int(whole as i64));
             if let Some(accel) = self.axes[at].accel {
                 let counts = (accel * scale.abs() * axis.accel_counts_scale).round().max(1.0);
                 fields.insert("accel_counts".to_owned(), Value::Int(counts as i64));
@@ -150,12 +157,12 @@ impl Engine {
         // Axes that a whole pose needs beside those asked for stay where they are.
         let mut whole = targets.to_vec();
         if self.spec.motion.whole_pose {
-            for (at, reading) in self.positions().iter().enumerate() {
+            for (at, reading) in here.iter().enumerate() {
                 if !whole.iter().any(|(i, _)| *i == at) {
                     let here = reading.ok_or_else(|| {
                         field(format!("the position of {} is not known", self.axes[at].name))
                     })?;
-                    whole.push((at, here.value));
+                    whole.push((at, here));
                 }
             }
             whole.sort_by_key(|(i, _)| *i);
@@ -168,13 +175,17 @@ impl Engine {
         for name in names {
             match self.spec.cmd[name].scope {
                 Scope::Axis => {
-                    sends.extend(whole.iter().map(|(at, t)| (name.clone(), Some(*at), numbers(*at, *t))));
+                    let feeds = shares(&whole, here).into_iter().map(|share| feed * share);
+                    let each = whole.iter().zip(feeds);
+                    sends.extend(
+                        each.map(|((at, t), feed)| (name.clone(), Some(*at), numbers(*at, *t, feed))),
+                    );
                 }
                 Scope::Device => {
                     let mut fields = self.device_fields(Fields::new());
                     let mut words = Vec::new();
                     for (at, target) in &whole {
-                        let own = numbers(*at, *target);
+                        let own = numbers(*at, *target, feed);
                         // Binary protocols have words of their own: a field named like the axis; and a
                         // command that goes with a move, such as a question for errors, names none.
                         let names_axes = |tx: &Template| tx.names().any(|field| field == "axes");
@@ -198,3 +209,17 @@ impl Engine {
         Ok(sends)
     }
 }
+
+/// What each axis gets of the feed along a line where every one is told its own: then all arrive together, and the
+/// line is straight. One alone has all of it, and so has each while it is not known where they are.
+fn shares(targets: &[(usize, f64)], here: &[Option<f64>]) -> Vec<f64> {
+    let way = |(at, target): &(usize, f64)| Some((target - here.get(*at).copied().flatten()?).abs());
+    let ways: Option<Vec<f64>> = targets.iter().map(way).collect();
+    let Some(ways) = ways.filter(|ways| ways.len() > 1) else { return vec![1.0; targets.len()] };
+    let length = ways.iter().map(|way| way * way).sum::<f64>().sqrt();
+    // What hardly moves need not crawl, should it be elsewhere than was thought.
+    ways.iter().map(|way| if length > 0.0 { (way / length).max(SLOWEST_SHARE) } else { 1.0 }).collect()
+}
+
+/// Smallest share of a feed that an axis gets.
+const SLOWEST_SHARE: f64 = 0.01;

@@ -67,6 +67,8 @@ struct Settle {
     last_state: Option<MotionState>,
     progress: Timestamp,
     answered: Timestamp,
+    /// When the positions are asked for, too, where the answers about the state do not hold them.
+    look_where: Timestamp,
 }
 
 /// A sequence that runs.
@@ -80,6 +82,8 @@ pub(super) struct Task {
     pub(super) answers: VecDeque<(Ticket, Outcome)>,
     /// A stop or a recovery is not ended by the alarm it may cause.
     pub(super) survives_alarm: bool,
+    /// A search for references: it has found none while the device says so.
+    pub(super) homes: bool,
     retries: u32,
     pub(super) trust: Trust,
 }
@@ -114,6 +118,7 @@ impl Task {
             replies: Vec::new(),
             answers: VecDeque::new(),
             survives_alarm: false,
+            homes: false,
             retries: 0,
             trust: Trust::Keep,
         }
@@ -192,6 +197,10 @@ impl Engine {
                     break;
                 }
                 Progress::Ended(outcome) => {
+                    let outcome = match self.unreferenced().filter(|_| task.homes && outcome.is_ok()) {
+                        Some(failure) => Err(failure),
+                        None => outcome,
+                    };
                     if task.trust == Trust::Lost && outcome.is_ok() {
                         self.events.push(Event::TrustLost("the procedure loses the position".to_owned()));
                     }
@@ -304,6 +313,7 @@ impl Engine {
                     last_state: None,
                     progress: now,
                     answered: now,
+                    look_where: now.after(stall.div_f64(LOOKS_A_STALL)),
                 })),
             },
             Act::AskPositions => {
@@ -494,10 +504,9 @@ impl Engine {
                 return Check::Met;
             }
         }
-        // Progress is a position that changes; where none is reported, an answer has to do.
+        // Progress is a position that changes: an answer alone is none.
         let here: Vec<Option<f64>> = self.positions().iter().map(|r| r.map(|r| r.value)).collect();
-        let asked_alone = self.spec.position.command.is_some();
-        if here != settle.last || (asked_alone && settle.answered == now) {
+        if here != settle.last {
             settle.last = here;
             settle.progress = now;
         }
@@ -509,13 +518,29 @@ impl Engine {
             });
         }
         let stalled = now.since(settle.progress) >= settle.stall.mul_f64(self.patience.max(1.0));
-        if stalled && settle.last_state == Some(MotionState::Moving) && settle.idle_in_a_row == 0 {
+        let may_move =
+            settle.last_state == Some(MotionState::Moving) || self.spec.done.method == DoneMethod::QueueIndex;
+        if stalled && may_move && settle.idle_in_a_row == 0 {
             return Check::Failed(Failure::Stalled { stall: settle.stall });
         }
+        let asked_before = settle.ask.tickets.len();
         self.ask(&mut settle.ask, now);
+        if settle.ask.tickets.len() > asked_before && now >= settle.look_where {
+            settle.look_where = now.after(settle.stall.div_f64(LOOKS_A_STALL));
+            let name = self.spec.position.command.clone();
+            for (name, axis, fields) in name.map_or_else(Vec::new, |name| self.addresses(&name)) {
+                let ticket = self.ticket();
+                if self.exchange.submit(ticket, &name, axis, fields, None).is_ok() {
+                    settle.ask.tickets.push(ticket);
+                }
+            }
+        }
         Check::Waiting
     }
 }
+
+/// How often the positions are asked for in the time after which a device without progress has stalled.
+const LOOKS_A_STALL: f64 = 4.0;
 
 /// Books the answers to questions: whether none is open, what they carried, whether one failed.
 fn take_answers(

@@ -98,7 +98,7 @@ pub type Outcome = Result<Vec<Reply>, Failure>;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Failure {
     /// The device refused.
-    #[error("the device refused {command}: {code} ({text})")]
+    #[error("it refused {command}: {code} ({text}); {}", class.advice())]
     Refused {
         /// The command.
         command: String,
@@ -111,7 +111,7 @@ pub enum Failure {
     },
     /// No reply came. What became of the command is unknown.
     #[error(
-        "no reply to {what} within {waited:?}; check the cable, the baud rate, and whether the device is powered"
+        "no reply to {what} within {waited:?}; check the cable, the baud rate, that the device is powered and that it speaks the protocol that the rig file names"
     )]
     NoReply {
         /// What was waited for.

@@ -24,7 +24,7 @@ pub(super) fn check(spec: &Spec, problems: &mut Problems) {
 }
 
 /// Fields of a move beside those of the axis: what the engine fills in for `[motion] move`.
-const OF_A_MOVE: [&str; 6] = ["pos", "counts", "feed", "feed_counts", "accel", "accel_counts"];
+const OF_A_MOVE: [&str; 7] = ["pos", "counts", "feed", "feed_whole", "feed_counts", "accel", "accel_counts"];
 
 struct Check<'a, 'p> {
     spec: &'a Spec,

@@ -265,6 +265,19 @@ pub enum FaultClass {
     Hardware,
 }
 
+impl FaultClass {
+    /// What a person should do about it.
+    pub fn advice(self) -> &'static str {
+        match self {
+            FaultClass::Usage => "check `protocol` and the wires of the axes in the rig file",
+            FaultClass::State => "set the device to allow it, or wait until it is ready, then try again",
+            FaultClass::Limit => "compare the limits in the rig file with those set on the device",
+            FaultClass::Lost => "home before moving",
+            FaultClass::Hardware => "look at the machine, then home",
+        }
+    }
+}
+
 /// An entry of `[flags]`.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -369,7 +369,8 @@ pub struct AxisSpec {
     pub decimals: usize,
     /// One axis in `{axes}`; default `{letter}{pos}`.
     pub word: Option<Template>,
-    /// The number sent as `{feed}` for one unit per second (60 where the device counts minutes).
+    /// The number sent as `{feed}` for one unit per second (60 where the device counts minutes), and as `{feed_whole}`,
+    /// a whole number of at least 1.
     #[serde(default = "one")]
     pub feed_scale: f64,
     /// The number sent as `{feed_counts}` for one count per second.

@@ -16,7 +16,7 @@ use crate::protocol::checksum::ChecksumKind;
 use crate::protocol::emulation::{Register, ServoEmulation, ServoFraming};
 
 const BROADCAST: u8 = 0xfe;
-const MEMORY: usize = 256;
+const MEMORY: usize = 1024;
 
 mod instruction {
     pub(super) const PING: u8 = 0x01;
@@ -84,7 +84,7 @@ impl ServoBus {
                 return Err(EmulatorError::Setting {
                     setting: format!("registers.{name}"),
                     value: format!("{} bytes at {}", register.bytes, register.address),
-                    allowed: "at most 8 bytes within 256",
+                    allowed: "at most 8 bytes within 1024",
                 });
             }
         }
@@ -113,7 +113,9 @@ impl ServoBus {
     fn load(&self, i: usize, name: &str) -> i64 {
         let Some(register) = self.spec.registers.get(name) else { return 0 };
         let bytes = &self.servos[i].memory[register.address..register.address + register.bytes];
-        bytes.iter().rev().fold(0, |value, b| value << 8 | i64::from(*b))
+        let value = bytes.iter().rev().fold(0, |value, b| value << 8 | i64::from(*b));
+        // Registers of four bytes count both ways.
+        if register.bytes == 4 { i64::from(value as i32) } else { value }
     }
 
     /// Position, velocity and the moving flag as they are now.
@@ -328,6 +330,12 @@ impl ServoBus {
         }
         if torque && self.load(i, "torque") == 0 {
             self.servos[i].until = self.motors.stop_one(i, self.t);
+        } else if torque && self.spec.holds_on_torque {
+            // It brakes, and what it reaches is its new goal.
+            let rests = self.motors.stop_one(i, self.t);
+            let counts = self.motors.axis(i).counts(self.motors.position(i, rests));
+            self.set(i, "goal", counts);
+            self.servos[i].until = rests;
         }
         0
     }

@@ -33,7 +33,8 @@ pub struct SensorLook {
     pub membrane_mm: f64,
     /// Phong's specular part relative to the diffuse one.
     pub specular: f32,
-    /// Change of brightness (a logarithm) per mm of gel thickness, for gels that scatter: pressed is darker.
+    /// What the picture loses in brightness (a logarithm) per mm that the gel is pressed in. Lights at the side, at
+    /// a height h below the face, shine on it ever more flatly the nearer it comes: 1 / h to first order.
     pub brightness_per_mm: f32,
     /// Darkening towards the corners, as a fraction.
     pub vignette: f32,
@@ -65,12 +66,13 @@ impl SensorLook {
         }
     }
 
-    /// A compact skin with white strips and a scattering gel.
+    /// A compact skin, painted like the GelSight, with white strips: bright ones at the left and right, weaker
+    /// ones at the top and bottom.
     pub fn white_skin(width: u32, height: u32, mm_per_px: f64) -> Self {
-        let light = |x, y, warm: f32| SideLight {
-            from: [x, y, 1.6],
-            rgb: [41.0 + warm, 41.0, 40.0 - warm],
-            falloff: 0.10,
+        let light = |x, y, bright: f32, warm: f32| SideLight {
+            from: [x, y, 0.25],
+            rgb: [bright + warm, bright, bright - 1.0 - warm],
+            falloff: 0.75,
         };
         Self {
             width,
@@ -78,14 +80,14 @@ impl SensorLook {
             mm_per_px,
             ambient: [18.0, 20.0, 20.0],
             lights: vec![
-                light(-1.0, 0.0, 1.5),
-                light(1.0, 0.0, 0.5),
-                light(0.0, 1.0, 0.0),
-                light(0.0, -1.0, 1.0),
+                light(-1.0, 0.0, 170.0, 1.5),
+                light(1.0, 0.0, 170.0, 0.5),
+                light(0.0, 1.0, 85.0, 0.0),
+                light(0.0, -1.0, 85.0, 1.0),
             ],
-            membrane_mm: 0.22,
+            membrane_mm: 0.14,
             specular: 0.05,
-            brightness_per_mm: 0.75,
+            brightness_per_mm: 0.3,
             vignette: 0.22,
             dirt: 0.5,
         }

@@ -2,8 +2,8 @@
 //!
 //! With unit normal n (towards the camera), l towards a light of colour c, and the camera straight above
 //! (v = z), each light adds c * (n.l + specular * (r.v)^16) * falloff, r the mirrored l (Phong 1975). The sum
-//! is multiplied by the gel's pattern, by the lens's vignette, and, for scattering gels, by the
-//! thickness of the gel. No shadows, no light from wall to wall: that is what the twin is for.
+//! is multiplied by the gel's pattern, by the lens's vignette, and by the loss of light on what is pressed in.
+//! No shadows, no light from wall to wall: that is what the twin is for.
 
 use super::Drag;
 use super::look::{Gel, SensorLook, SideLight};
@@ -41,9 +41,9 @@ pub fn shade(rgb: &mut [f32], look: &SensorLook, gel: &Gel, relief: &Relief, dra
     let columns = relief.width.min(w - relief.x0);
     let rows = relief.height.min(h - relief.y0);
     let dragged = (*drag != Drag::default()).then(|| Carried::new(look, relief, drag));
+    let darkening = look.brightness_per_mm * look.mm_per_px as f32;
     let mut normals = Normals { x: vec![0.0; columns], y: vec![0.0; columns], z: vec![1.0; columns] };
     let mut light = vec![0.0; columns * 3];
-    let darkening = look.brightness_per_mm * look.mm_per_px as f32;
     for row in 0..rows {
         normals_of_row(&mut normals, relief, row);
         light_row(&mut light, look, &normals, relief.x0, relief.y0 + row);

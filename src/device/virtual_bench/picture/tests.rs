@@ -51,25 +51,34 @@ fn each_flank_takes_the_colour_of_the_light_it_faces() {
 }
 
 #[test]
-fn a_scattering_gel_is_dark_where_pressed_and_bright_around() {
+fn a_white_lit_gel_is_bright_where_it_faces_the_nearer_light() {
     let picture = small(SensorLook::white_skin);
     let untouched = picture.draw(&Pose::default(), None, &Drag::default());
-    let pressed = picture.draw(&Pose::new(0.0, 0.0, -0.8, 0.0), Some(&ball()), &Drag::default());
-    let ratio = |x: f64| mean(&pressed, 160, (x, 60.0), 2, 1) / mean(&untouched, 160, (x, 60.0), 2, 1);
-    assert!(ratio(80.0) < 0.8, "dark in the middle: {}", ratio(80.0));
-    let brightest = (95..118).map(|x| ratio(f64::from(x))).fold(0.0, f32::max);
-    assert!(brightest > 1.003, "a bright rim: {brightest}");
+    // 4 mm left of the middle the left strip is nearer: the flank that faces it outshines the other.
+    let pressed = picture.draw(&Pose::new(-4.0, 0.0, -0.6, 0.0), Some(&ball()), &Drag::default());
+    let ratio = |dx: f64| {
+        let at = (80.0 - 33.3 + dx, 60.0);
+        mean(&pressed, 160, at, 2, 1) / mean(&untouched, 160, at, 2, 1)
+    };
+    assert!(ratio(-10.0) > ratio(10.0) + 0.05, "{} {}", ratio(-10.0), ratio(10.0));
+    let floor = (-0.6 * picture.look().brightness_per_mm).exp();
+    assert!((ratio(0.0) - floor).abs() < 0.04, "the floor lies deeper in the light: {}", ratio(0.0));
 }
 
 #[test]
 fn the_picture_follows_the_pose_by_the_scale_of_the_sensor() {
-    let picture = small(SensorLook::white_skin);
+    // Lights that no side is nearer to change the picture as evenly as the tip is round.
+    let picture = small(|w, h, scale| {
+        let mut look = SensorLook::white_skin(w, h, scale);
+        look.lights.iter_mut().for_each(|l| l.falloff = 0.0);
+        look
+    });
     let untouched = picture.draw(&Pose::default(), None, &Drag::default());
     let centroid = |pose: Pose| {
         let pressed = picture.draw(&pose, Some(&ball()), &Drag::default());
         let (mut sum, mut sx, mut sy) = (0.0f64, 0.0, 0.0);
         for (i, (a, b)) in untouched.chunks(3).zip(pressed.chunks(3)).enumerate() {
-            let weight = f64::from((a[1] - b[1]).max(0.0)).powi(2);
+            let weight = f64::from(a[1] - b[1]).powi(2);
             sum += weight;
             sx += weight * ((i % 160) as f64 + 0.5);
             sy += weight * ((i / 160) as f64 + 0.5);
@@ -90,10 +99,14 @@ fn a_positive_rotation_turns_the_picture_clockwise() {
     let untouched = picture.draw(&Pose::default(), None, &Drag::default());
     // The bar lies along y; turned by +45 degrees its lower end (y > 0) goes to the left.
     let turned = picture.draw(&Pose::new(0.0, 0.0, -0.4, 45.0), Some(&bar), &Drag::default());
-    let dark = |x: f64, y: f64| mean(&untouched, 160, (x, y), 2, 1) - mean(&turned, 160, (x, y), 2, 1);
+    let change = |x: f64, y: f64| {
+        let pixel = |i: i32, j: i32| ((y as i32 + j) * 160 + x as i32 + i) as usize * 3 + 1;
+        let near = (-6..=6).flat_map(|j| (-6..=6).map(move |i| pixel(i, j)));
+        near.map(|at| (turned[at] - untouched[at]).abs()).sum::<f32>() / 169.0
+    };
     let arm = 16.0;
-    assert!(dark(80.0 - arm, 60.0 + arm) > 5.0 && dark(80.0 + arm, 60.0 - arm) > 5.0);
-    assert!(dark(80.0 + arm, 60.0 + arm) < 2.0 && dark(80.0 - arm, 60.0 - arm) < 2.0);
+    assert!(change(80.0 - arm, 60.0 + arm) > 4.0 && change(80.0 + arm, 60.0 - arm) > 4.0);
+    assert!(change(80.0 + arm, 60.0 + arm) < 1.0 && change(80.0 - arm, 60.0 - arm) < 1.0);
 }
 
 #[test]

@@ -1,0 +1,166 @@
+//! What is saved by not doing what a scene does not need: the same work done both ways, in turn.
+//!
+//! Each row names a skip, the time with it and without it. Where the program has no switch, the work without
+//! the skip is what a simulator that lacks it would have to do.
+
+use super::timing::once;
+use super::{Effort, Stage};
+use crate::elastomer::{self, Elastomer, Error, Friction, Law, Mode, Settings};
+use crate::pose::Pose;
+use crate::trial::scene;
+use serde::Serialize;
+
+/// Effect of one skip.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Skip {
+    /// What is not done.
+    pub skip: &'static str,
+    /// The work that was measured.
+    pub work: &'static str,
+    /// Processor time with the skip, s.
+    pub with_s: f64,
+    /// Without it, s.
+    pub without_s: f64,
+}
+
+impl Skip {
+    /// How many times faster.
+    pub fn factor(&self) -> f64 {
+        self.without_s / self.with_s
+    }
+}
+
+/// Tolerance and repeats to the least processor times with and without the skip.
+type Measure = fn(f64, usize) -> Result<[f64; 2], Error>;
+
+/// Name of the skip, the work that is measured, and how.
+const ROWS: [(&str, &str, Measure); 5] = [
+    (
+        "nothing is solved before first touch",
+        "0.4 mm of travel in the air against as much in a contact of 0.1 mm",
+        before_first_touch,
+    ),
+    (
+        "slides fork from one press",
+        "a press of 0.5 mm and 0.25 mm to the left and to the right",
+        shared_press,
+    ),
+    (
+        "a waypoint starts from the one before",
+        "captures at 0.3, 0.4, 0.5 and 0.6 mm, each from the one before or each from rest",
+        warm_start,
+    ),
+    ("no tangential unknowns without friction", "a press of 0.5 mm, friction 0 against 0.5", no_friction),
+    (
+        "no explicit step before first touch",
+        "mpm, 51x51x11: 2 mm of travel in the air, before and after a touch",
+        explicit_before_touch,
+    ),
+];
+
+/// Adds the measurements.
+pub(super) fn plan(effort: Effort, stages: &mut Vec<Stage>) {
+    let (tolerance, repeats) = match effort {
+        Effort::Smoke => (0.1, 1),
+        Effort::Quick => (0.1, 2),
+        Effort::Full => (0.02, 3),
+    };
+    for (skip, work, measure) in ROWS {
+        let stage = move |report: &mut super::Report| {
+            let [with_s, without_s] = measure(tolerance, repeats)?;
+            report.skips.push(Skip { skip, work, with_s, without_s });
+            Ok(())
+        };
+        stages.push((format!("skip: {skip}"), Box::new(stage)));
+    }
+}
+
+fn solver(friction: Friction, tolerance: f64) -> Result<Box<dyn Elastomer>, Error> {
+    let settings = scene::quasi_static(friction, tolerance);
+    let start = Pose::new(0.0, 0.0, 0.5, 0.0);
+    elastomer::solver(&scene::pad(Law::NeoHookean), &settings, scene::sphere(4.0), &start)
+}
+
+fn at(x_mm: f64, z_mm: f64) -> Pose {
+    Pose::new(x_mm, 0.0, z_mm, 0.0)
+}
+
+/// Least processor times of two ways to do something, taken in turn so that a busy machine is so for both.
+fn compare(
+    repeats: usize,
+    mut with: impl FnMut() -> Result<(), Error>,
+    mut without: impl FnMut() -> Result<(), Error>,
+) -> Result<[f64; 2], Error> {
+    let mut least = [f64::INFINITY; 2];
+    for _ in 0..repeats {
+        let (done, [_, cpu]) = once(&mut with);
+        done?;
+        least[0] = least[0].min(cpu);
+        let (done, [_, cpu]) = once(&mut without);
+        done?;
+        least[1] = least[1].min(cpu);
+    }
+    Ok(least)
+}
+
+fn before_first_touch(tolerance: f64, repeats: usize) -> Result<[f64; 2], Error> {
+    let base = solver(Friction::Infinite, tolerance)?;
+    let travel = |height: f64| {
+        let mut state = base.fork();
+        state.advance(&at(0.0, height))?;
+        (1..=4).try_for_each(|n| state.advance(&at(0.1 * f64::from(n), height)))
+    };
+    compare(repeats, || travel(0.2), || travel(-0.1))
+}
+
+fn shared_press(tolerance: f64, repeats: usize) -> Result<[f64; 2], Error> {
+    let press = || {
+        let mut state = solver(Friction::Infinite, tolerance)?;
+        state.advance(&at(0.0, -0.5)).map(|()| state)
+    };
+    let slide = |mut state: Box<dyn Elastomer>, way: f64| state.advance(&at(way, -0.5));
+    compare(
+        repeats,
+        || {
+            let pressed = press()?;
+            slide(pressed.fork(), -0.25)?;
+            slide(pressed, 0.25)
+        },
+        || {
+            slide(press()?, -0.25)?;
+            slide(press()?, 0.25)
+        },
+    )
+}
+
+fn warm_start(tolerance: f64, repeats: usize) -> Result<[f64; 2], Error> {
+    let depths = [-0.3, -0.4, -0.5, -0.6];
+    compare(
+        repeats,
+        || {
+            let mut state = solver(Friction::Infinite, tolerance)?;
+            depths.iter().try_for_each(|z| state.advance(&at(0.0, *z)))
+        },
+        || depths.iter().try_for_each(|z| solver(Friction::Infinite, tolerance)?.advance(&at(0.0, *z))),
+    )
+}
+
+fn no_friction(tolerance: f64, repeats: usize) -> Result<[f64; 2], Error> {
+    let press = |mu| solver(Friction::Coefficient(mu), tolerance)?.advance(&at(0.0, -0.5));
+    compare(repeats, || press(0.0), || press(0.5))
+}
+
+fn explicit_before_touch(_: f64, repeats: usize) -> Result<[f64; 2], Error> {
+    let settings = Settings { mode: Mode::Mpm, particles: [51, 51, 11], ..Settings::default() };
+    let start = at(0.0, 5.0);
+    let base = elastomer::solver(&scene::pad(Law::NeoHookean), &settings, scene::sphere(4.0), &start)?;
+    // A little inside the reach of the grid, and out again: from then on the pad is computed.
+    let mut touched = base.fork();
+    touched.advance(&at(0.0, 0.5))?;
+    touched.advance(&start)?;
+    let travel = |state: &dyn Elastomer| {
+        let mut state = state.fork();
+        (1..=4).try_for_each(|n| state.advance(&at(0.5 * f64::from(n), 5.0)))
+    };
+    compare(repeats, || travel(base.as_ref()), || travel(touched.as_ref()))
+}
