@@ -61,6 +61,8 @@ const PROBE_LIFT_MM: [f32; 2] = [0.0, 2.0];
 const PROBE_LIFT_STEP_MM: f32 = 0.5;
 /// Nodes keep this far from the pad's rim, where walls stand, mm.
 const RIM_MM: f32 = 0.05;
+/// Smallest and largest extent of a pad, mm.
+const PAD_MM: [f32; 2] = [4.0, 200.0];
 /// Points this far below the untouched face are under it, mm.
 const BURIED_MM: f32 = 0.02;
 /// Most points along an edge of the pad in the world that light is solved in: the untouched face is smooth.
@@ -134,8 +136,10 @@ impl Precomputed {
             .iter()
             .fold([inf, -inf], |[l, h], p| [l.min(p.truncate()), h.max(p.truncate())]);
         let across = [low + RIM_MM, high - RIM_MM];
-        if across[0].cmpge(across[1]).any() {
-            return Err(unsupported("pad", &format!("{:?} mm across", high - low), "larger pads"));
+        let size = high - low;
+        if !(size.min_element() >= PAD_MM[0] && size.max_element() <= PAD_MM[1]) {
+            let value = format!("{} x {} mm", size.x, size.y);
+            return Err(unsupported("pad", &value, "pads of 4 to 200 mm, for which its steps are chosen"));
         }
         let direct_layout =
             Layout { across, step_mm: DIRECT_STEP_MM, lift_mm: DIRECT_LIFT_MM, lift_step_mm: DIRECT_STEP_MM };
@@ -434,7 +438,7 @@ impl<'a> Renderer<'a> {
         let mut pictures = frame.render();
         let grain = once.grain;
         if grain > 1 {
-            pictures.films.iter_mut().for_each(|film| *film = shrunk(film, grain));
+            pictures.films.iter_mut().for_each(|film| *film = film.shrunk(grain));
             // Errors of neighbours average out over a pixel, changes do not.
             pictures.spread /= (grain * grain).pow(2) as f64;
             pictures.bounced /= (grain * grain) as f64;
@@ -480,17 +484,6 @@ fn fine_camera(scene: &Scene) -> Result<super::Camera, Error> {
 
 /// Most samples along the edge of a pixel.
 const MOST_GRAIN: usize = 4;
-
-/// Means over squares of `grain` pixels.
-fn shrunk(film: &Film, grain: usize) -> Film {
-    let mut out = Film::new(film.width / grain, film.height / grain);
-    for (k, p) in film.pixels.iter().enumerate() {
-        out.pixels[k / film.width / grain * out.width + k % film.width / grain] += *p;
-    }
-    let share = 1.0 / (grain * grain) as f32;
-    out.pixels.iter_mut().for_each(|p| *p *= share);
-    out
-}
 
 fn sources_of(scene: &Scene) -> Result<Vec<Source>, Error> {
     let source = |light: &super::Light| {

@@ -27,6 +27,17 @@ impl Film {
         self.pixels[y * self.width + x]
     }
 
+    /// Means over squares of `grain` pixels.
+    pub fn shrunk(&self, grain: usize) -> Film {
+        let mut out = Film::new(self.width / grain, self.height / grain);
+        for (k, p) in self.pixels.iter().enumerate() {
+            out.pixels[k / self.width / grain * out.width + k % self.width / grain] += *p;
+        }
+        let share = 1.0 / (grain * grain) as f32;
+        out.pixels.iter_mut().for_each(|p| *p *= share);
+        out
+    }
+
     /// The mean over all pixels.
     pub fn mean(&self) -> Vec3 {
         let sum = self.pixels.iter().fold(glam::DVec3::ZERO, |s, p| s + p.as_dvec3());
