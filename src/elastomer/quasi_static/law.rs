@@ -27,7 +27,7 @@ pub const COROTATED_FIELDS: usize = 24;
 pub const NEO_HOOKEAN_FIELDS: usize = 9;
 
 /// Volume ratio below which the barrier of the fixed-corotated law acts.
-const BARRIER_BEGINS: f32 = 0.25;
+pub const BARRIER_BEGINS: f32 = 0.25;
 
 const NEXT: [usize; 3] = [1, 2, 0];
 const AFTER: [usize; 3] = [2, 0, 1];

@@ -9,14 +9,15 @@
 use super::grid::Grid;
 use super::lanes::{Kernel, Lanes, WIDTH, dispatch};
 use super::law::{
-    COROTATED_FIELDS, Mat, NEO_HOOKEAN_FIELDS, barrier, cofactor, cofactor_change, inner, plus_identity,
-    rotation, rotation_change, spin_stiffness_inverse, volume_change,
+    BARRIER_BEGINS, COROTATED_FIELDS, Mat, NEO_HOOKEAN_FIELDS, barrier, cofactor, cofactor_change, inner,
+    plus_identity, rotation, rotation_change, spin_stiffness_inverse, volume_change,
 };
 use crate::elastomer::Law;
 use rayon::prelude::*;
 
-/// Numbers stored per cell beside those of its points.
-const CELL_FIELDS: usize = 3;
+/// Numbers stored per cell beside those of its points: pressure, its slope, mean J, and whether a point of
+/// the sixteen cells is in reach of the barrier.
+const CELL_FIELDS: usize = 4;
 /// Stiffness against uneven volume within a cell over the shear modulus.
 const EVENNESS: f64 = 4.0;
 /// A point with less volume than this counts as inverted.
@@ -384,12 +385,16 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
         let zero = L::splat(0.0);
         let mut j1 = [zero; 8];
         let mut mean = zero;
+        let mut least = L::splat(f32::INFINITY);
         for (j, h) in j1.iter_mut().zip(grad.iter()) {
             *j = volume_change(h);
             mean = mean.add(*j);
-            self.least = self.least.min(j.add(one));
+            least = least.min(j.add(one));
             self.poison = j.mul(zero).add(self.poison);
         }
+        self.least = self.least.min(least);
+        // Elsewhere the barrier is exactly zero.
+        let barred = least.to_array().iter().any(|j| *j < BARRIER_BEGINS);
         mean = mean.mul(L::splat(0.125));
         let data = &mut self.data[at..at + op.cell_stride()];
         // Volumetric terms of the cell: pressure factor and its slope.
@@ -409,6 +414,7 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
         pressure.store(&mut data[0..]);
         slope.store(&mut data[WIDTH..]);
         mean.add(one).store(&mut data[2 * WIDTH..]);
+        L::splat(f32::from(u8::from(barred))).store(&mut data[3 * WIDTH..]);
         let even = L::splat(op.evenness);
         for (p, h) in grad.iter_mut().enumerate() {
             let f = plus_identity(h);
@@ -431,9 +437,13 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
                     for (n, v) in k.iter().enumerate() {
                         v.store(&mut data[(18 + n) * WIDTH..]);
                     }
-                    let [wall, push, _] = barrier(j1[p].add(one));
-                    energy = lambda.fma(wall, energy);
-                    let pressure = lambda.fma(push, pressure).add(leveling);
+                    let mut pressure = pressure;
+                    if barred {
+                        let [wall, push, _] = barrier(j1[p].add(one));
+                        energy = lambda.fma(wall, energy);
+                        pressure = lambda.fma(push, pressure);
+                    }
+                    let pressure = pressure.add(leveling);
                     let two_mu = mu.add(mu);
                     for i in 0..3 {
                         for j in 0..3 {
@@ -527,6 +537,7 @@ impl<L: Lanes> CellWork<L> for ApplyCorotated<'_> {
         let change = change.mul(slope.sub(even)).mul(L::splat(0.125));
         let pressure = even.fnma(L::load(&data[2 * WIDTH..]), pressure);
         let lambda = L::splat(self.op.lambda);
+        let barred = data[3 * WIDTH] > 0.0;
         for (p, d) in grad.iter_mut().enumerate() {
             let data = &data[(CELL_FIELDS + p * COROTATED_FIELDS) * WIDTH..];
             let f = read_matrix::<L>(data);
@@ -537,9 +548,13 @@ impl<L: Lanes> CellWork<L> for ApplyCorotated<'_> {
             }
             let (c, dc, dr) = (cofactor(&f), cofactor_change(&f, d), rotation_change(&r, &k, d));
             let det = f[0][0].fma(c[0][0], f[0][1].fma(c[0][1], f[0][2].mul(c[0][2])));
-            let [_, push, stiffen] = barrier(det);
-            let pressure = lambda.fma(push, pressure).add(even.mul(det));
-            let change = lambda.fma(stiffen, even).fma(inner(&c, d), change);
+            let (mut pressure, mut stiffness) = (pressure, even);
+            if barred {
+                let [_, push, stiffen] = barrier(det);
+                (pressure, stiffness) = (lambda.fma(push, pressure), lambda.fma(stiffen, even));
+            }
+            let pressure = pressure.add(even.mul(det));
+            let change = stiffness.fma(inner(&c, d), change);
             for i in 0..3 {
                 for j in 0..3 {
                     let twist = two_mu.mul(d[i][j].sub(dr[i][j]));
