@@ -56,6 +56,20 @@ pub fn check(pad: &Pad, settings: &Settings) -> Result<(), Error> {
     }
 }
 
+/// Farthest that an indenter may be from the pad's middle, mm, and degrees that it may be turned.
+const FARTHEST: f64 = 1000.0;
+
+/// Refuses a pose that no indenter can be brought to.
+fn pose_can_be_reached(pose: &Pose, thickness_mm: f64) -> Result<(), Error> {
+    let at = [pose.x_mm, pose.y_mm, pose.z_mm, pose.theta_deg];
+    // NaN is in no range.
+    let is_near = at.iter().all(|c| c.abs() <= FARTHEST);
+    if is_near && pose.depth_mm() < thickness_mm {
+        return Ok(());
+    }
+    Err(Error::Pose { pose: *pose, farthest: FARTHEST, thickness_mm })
+}
+
 /// A deforming pad that follows one indenter.
 pub trait Elastomer: Send {
     /// Moves the indenter in a straight line (and a linear turn) to `pose` and lets the pad follow.
@@ -124,6 +138,18 @@ pub enum Error {
         distance_mm: f64,
         /// Smallest allowed distance, mm.
         allowed_mm: f64,
+    },
+    /// An indenter cannot be there.
+    #[error(
+        "no indenter can be at ({pose}): each coordinate lies within {farthest} mm or degrees, and the depth of a press below the pad's thickness of {thickness_mm} mm; correct the plan"
+    )]
+    Pose {
+        /// The pose.
+        pose: Pose,
+        /// Bound of each coordinate.
+        farthest: f64,
+        /// Bound of the depth.
+        thickness_mm: f64,
     },
     /// A setting makes no sense together with the others.
     #[error("elastomer.{key} = {value}: {why}")]

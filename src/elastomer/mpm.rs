@@ -47,7 +47,9 @@ use self::lanes::Isa;
 use self::scheme::Scheme;
 use self::stress::energy_density;
 use super::interrupt::Interrupt;
-use super::{ContactForces, Elastomer, ElastomerCapture, Error, Mode, Pad, Settings, SolverStats};
+use super::{
+    ContactForces, Elastomer, ElastomerCapture, Error, Mode, Pad, Settings, SolverStats, pose_can_be_reached,
+};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use glam::DVec3;
@@ -263,6 +265,7 @@ impl ExplicitSolver {
 
 impl Elastomer for ExplicitSolver {
     fn advance(&mut self, pose: &Pose) -> Result<(), Error> {
+        pose_can_be_reached(pose, self.body.scheme.size_mm[2])?;
         // A turn counts by the way of the outermost sampled point, so that no point is faster than the speed set.
         let from = self.pose;
         let turn = (pose.theta_deg - from.theta_deg).to_radians().abs() * self.cloud.radius_mm;

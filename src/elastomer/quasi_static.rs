@@ -24,13 +24,14 @@ pub mod law;
 pub mod layer;
 pub mod newton;
 pub mod operator;
+pub mod probe;
 pub mod springs;
 pub mod stress;
 
 use super::interrupt::Interrupt;
 use super::{
     ContactForces, Elastomer, ElastomerCapture, Error, Friction, Pad, PadShape, Settings, SolverStats,
-    Surface,
+    Surface, pose_can_be_reached,
 };
 use crate::indenter::Indenter;
 use crate::pose::Pose;
@@ -159,6 +160,7 @@ impl QuasiStaticSolver {
         indenter: Arc<dyn Indenter>,
         start: &Pose,
     ) -> Result<Self, Error> {
+        pose_can_be_reached(start, pad.thickness_mm)?;
         let mut material = pad.material;
         material.law = settings.law.unwrap_or(material.law);
         material.youngs_modulus_mpa = settings.youngs_modulus_mpa.unwrap_or(material.youngs_modulus_mpa);
@@ -303,16 +305,19 @@ impl QuasiStaticSolver {
     }
 
     /// Error of the surface relative to depth, estimated from what the splines leave between the sample
-    /// points: the penetration found there, and the residual. Calibrated against finite elements.
+    /// points: the penetration found there, and the residual. Calibrated against finite elements. A body that the
+    /// sample points have missed altogether is seen by [`probe`].
     fn estimated_error(&self) -> Option<f64> {
-        let outcome = self.outcome?;
         let depth = self.pose.depth_mm();
         if depth <= 0.0 {
             return None;
         }
+        let grid = self.machine.operator.grid();
+        let unseen = probe::unseen_penetration_mm(grid, &self.u, self.indenter.as_ref(), &self.pose);
+        let Some(outcome) = self.outcome else { return (unseen > 0.0).then_some(unseen / depth) };
         let between = self.contacts.penetration_between(self.indenter.as_ref(), &self.pose, &self.u);
-        let unsettled = FRICTION_TO_ERROR * self.unsettled;
-        Some((MISFIT_TO_ERROR * between + self.penetration_mm) / depth + outcome.residual + unsettled)
+        let misfit = (MISFIT_TO_ERROR * between + self.penetration_mm).max(unseen);
+        Some(misfit / depth + outcome.residual + FRICTION_TO_ERROR * self.unsettled)
     }
 
     /// Refuses contact beside the pad or too close to its edge.
@@ -342,6 +347,7 @@ impl QuasiStaticSolver {
 
 impl Elastomer for QuasiStaticSolver {
     fn advance(&mut self, pose: &Pose) -> Result<(), Error> {
+        pose_can_be_reached(pose, self.machine.operator.grid().size[2])?;
         let straight_down = Pose { z_mm: self.pose.z_mm, ..*pose } == self.pose;
         if self.at_rest && straight_down {
             // Nothing happens before the first touch, so nothing is computed.

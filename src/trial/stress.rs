@@ -182,6 +182,7 @@ fn kind(error: &Error) -> &'static str {
         Error::OffPad { .. } => "off_pad",
         Error::Setting { .. } => "setting",
         Error::Interrupted => "interrupted",
+        Error::Pose { .. } => "pose",
     }
 }
 
