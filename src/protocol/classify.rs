@@ -129,12 +129,25 @@ pub fn state_of(spec: &Spec, fields: &Fields) -> Option<(MotionState, Option<Str
         }
     }
     let bits = value.as_i64()? as u64;
-    let holds = |word: &String| match (word.strip_prefix('&'), word.strip_prefix('!')) {
+    tables.iter().find(|(_, words)| words.iter().any(|w| has_bits(w, bits))).map(|(found, _)| (*found, sub))
+}
+
+/// Whether the device says that its positions are not valid; `None` where a reply says nothing of it.
+pub fn says_unreferenced(spec: &Spec, fields: &Fields) -> Option<bool> {
+    let state = spec.state.as_ref().filter(|state| !state.unreferenced.is_empty())?;
+    let value = fields.get(&state.field)?;
+    let (text, bits) = (value.to_text(), value.as_i64());
+    let holds = |word: &String| *word == text || bits.is_some_and(|bits| has_bits(word, bits as u64));
+    Some(state.unreferenced.iter().any(holds))
+}
+
+/// Tests bits: `&0x30` for any of them, `!0x30` for none.
+fn has_bits(word: &str, bits: u64) -> bool {
+    match (word.strip_prefix('&'), word.strip_prefix('!')) {
         (Some(mask), _) => mask_of(mask).is_some_and(|m| bits & m != 0),
         (_, Some(mask)) => mask_of(mask).is_some_and(|m| bits & m == 0),
         _ => false,
-    };
-    tables.iter().find(|(_, words)| words.iter().any(holds)).map(|(found, _)| (*found, sub))
+    }
 }
 
 fn mask_of(text: &str) -> Option<u64> {

@@ -23,7 +23,7 @@ mod tests;
 #[cfg(test)]
 mod transcripts;
 
-use super::classify::{Reply, classify, state_of};
+use super::classify::{Reply, classify, says_unreferenced, state_of};
 use super::deframe::{Deframer, Unit};
 use super::encode::EncodeError;
 use super::spec::*;
@@ -37,6 +37,9 @@ use std::sync::Arc;
 use std::time::Duration;
 use task::Task;
 pub use terms::{AxisWire, Event, Failure, Outcome, Output, Request, StopKind, Ticket, Which};
+
+/// Why trust is lost where the state itself says so.
+const UNREFERENCED: &str = "the device says that its positions are not valid";
 
 /// The client's side of one device.
 #[derive(Debug)]
@@ -54,6 +57,8 @@ pub struct Engine {
     state_reports: u64,
     classes_seen: Vec<Reply>,
     flag: Option<String>,
+    /// Which axes say that their positions are not valid.
+    unreferenced: Vec<bool>,
     flag_failure: Option<Failure>,
     deaf: bool,
     mute: bool,
@@ -100,6 +105,7 @@ impl Engine {
             state_reports: 0,
             classes_seen: Vec::new(),
             flag: None,
+            unreferenced: vec![false; count],
             flag_failure: None,
             deaf: false,
             mute: false,
@@ -424,6 +430,14 @@ impl Engine {
                 None => self.states.fill(Some(state)),
             }
         }
+        if let Some(says) = says_unreferenced(&self.spec, &reply.fields) {
+            let told = &mut self.unreferenced[axis.map_or(0..self.axes.len(), |i| i..i + 1)];
+            let begins = says && told.contains(&false);
+            told.fill(says);
+            if begins {
+                self.events.push(Event::TrustLost(UNREFERENCED.to_owned()));
+            }
+        }
         let from = self.exchange.command_of(&reply);
         if self.positions.take_in(&self.spec, &reply, axis, from.as_deref(), now) {
             self.exchange.progress(now);
@@ -499,6 +513,9 @@ impl Engine {
     /// The flag that says that positions are not valid, if the device shows one: a search for references that ends
     /// so was cut short, by a restart for instance.
     fn unreferenced(&self) -> Option<Failure> {
+        if self.unreferenced.contains(&true) {
+            return Some(Failure::Flag { code: "its state".to_owned(), text: UNREFERENCED.to_owned() });
+        }
         let code = self.flag.clone()?;
         let spec = self.spec.flags.get(&code).filter(|spec| spec.trust == Trust::Lost)?;
         Some(Failure::Flag { code, text: spec.text.clone() })

@@ -7,9 +7,7 @@ use crate::device::link::LinkOptions;
 use crate::device::mover::Mover;
 use crate::device::settings::{AxisSettings, MoverSettings, PortSettings};
 use crate::device::virtual_bench::serve::serve;
-use crate::device::virtual_bench::{
-    Emulator, EmulatorOptions, FaultKind, FaultPlan, Faulty, Trigger, World,
-};
+use crate::device::virtual_bench::{Emulator, EmulatorOptions, FaultKind, FaultPlan, Faulty, Trigger, World};
 use crate::motion::AxisKind;
 use crate::protocol::conformance::tests::shipped;
 use std::collections::BTreeMap;

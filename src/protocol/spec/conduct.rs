@@ -48,6 +48,10 @@ pub struct StateSpec {
     /// Words for off.
     #[serde(default)]
     pub off: Vec<String>,
+    /// Words that say, beside the state, that positions are not valid. A device that begins to say so has lost
+    /// them; and a search for references that ends with it has found none.
+    #[serde(default)]
+    pub unreferenced: Vec<String>,
 }
 
 /// `[position]`: where positions are reported.
