@@ -57,12 +57,21 @@ pub(super) fn on_elastomer(
     if let Err(elastomer::Error::Setting { key, value, why }) =
         elastomer::check(&sensor.value.pad, &rig.value.elastomer)
     {
-        findings.push(document.complain(
-            &format!("elastomer.{key}"),
-            value,
-            why,
-            "change it in the rig file, or by --set",
-        ));
+        findings.push(match key {
+            // The pad is the sensor's, not the rig's.
+            "shape" => document.complain(
+                "sensor",
+                format!("\"{}\", whose pad is {value}", sensor.checked.name),
+                why,
+                "choose a sensor with a flat pad",
+            ),
+            _ => document.complain(
+                &format!("elastomer.{key}"),
+                value,
+                why,
+                "change it in the rig file, or by --set",
+            ),
+        });
     }
 }
 

@@ -527,7 +527,7 @@ pub(super) fn check(pad: &Pad, settings: &Settings) -> Result<(), Error> {
         return Err(Error::Setting {
             key: "shape",
             value: format!("{:?}", pad.shape),
-            why: "the quasi-static mode knows flat pads (cuboid); use elastomer.mode = \"impm\"".to_owned(),
+            why: "flat pads, shape = { kind = \"cuboid\" }: no solver knows others".to_owned(),
         });
     }
     Ok(())

@@ -60,7 +60,7 @@ impl Scheme {
             return Err(refused(
                 "shape",
                 format!("{:?}", pad.shape),
-                "the explicit modes know only the cuboid pad of the paper; choose kind = \"cuboid\" or elastomer.mode = \"quasi_static\"",
+                "flat pads, shape = { kind = \"cuboid\" }: no solver knows others",
             ));
         }
         if let Friction::Coefficient(mu) = settings.friction {

@@ -385,6 +385,63 @@ fn results_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
+fn a_pose_that_no_indenter_can_have_is_refused() {
+    for pose in [
+        Pose::new(f64::NAN, 0.0, -0.4, 0.0),
+        Pose::new(0.0, 0.0, f64::NEG_INFINITY, 0.0),
+        Pose::new(0.0, 0.0, -4.0, 0.0),
+        Pose::new(0.0, 1e6, 1.0, 0.0),
+    ] {
+        let mut s = solver(Friction::Infinite, Arc::new(Sphere(4.0)), Law::NeoHookean);
+        assert!(matches!(s.advance(&pose), Err(Error::Pose { .. })), "{pose}");
+    }
+}
+
+/// A blade along y, thinner than the way from one sample point to the next.
+#[derive(Debug)]
+struct Blade;
+
+impl Indenter for Blade {
+    fn name(&self) -> &str {
+        "blade"
+    }
+    fn distance(&self, p: DVec3) -> f64 {
+        let q = DVec3::new(p.x.abs() - 0.1, p.y.abs() - 5.0, (p.z - 5.0).abs() - 5.0);
+        q.max(DVec3::ZERO).length() + q.max_element().min(0.0)
+    }
+    fn distance_and_normal(&self, p: DVec3) -> (f64, DVec3) {
+        let step = |axis: DVec3| self.distance(p + axis * 1e-6) - self.distance(p - axis * 1e-6);
+        let normal = DVec3::new(step(DVec3::X), step(DVec3::Y), step(DVec3::Z));
+        (self.distance(p), normal.normalize_or(DVec3::NEG_Z))
+    }
+    fn half_extent_mm(&self) -> [f64; 2] {
+        [0.1, 5.0]
+    }
+    fn lower_surface(&self, x: f64, y: f64) -> Option<f64> {
+        (x.abs() <= 0.1 && y.abs() <= 5.0).then_some(0.0)
+    }
+}
+
+#[test]
+fn a_blade_that_the_sample_points_miss_is_told_as_an_error() {
+    let settings = Settings { tolerance: 0.05, ..settings(Friction::Coefficient(0.0)) };
+    let mut s = QuasiStaticSolver::new(
+        &pad(Law::NeoHookean),
+        &settings,
+        Arc::new(Blade),
+        &Pose::new(0.0, 0.0, 1.0, 0.0),
+    )
+    .unwrap();
+    s.advance(&Pose::new(0.0, 0.0, -0.5, 0.0)).unwrap();
+    let capture = s.capture(41, 41).unwrap();
+    let stated = capture.stats.estimated_error.expect("a press");
+    let deepest = capture.surface.positions.iter().fold(0.0, |d: f32, p| d.min(p.z));
+    // Either the blade dents the face as deep as it stands, or the capture says how far that is from true.
+    let missing = f64::from(0.5 + deepest) / 0.5;
+    assert!(stated > 0.5 * missing, "stated {stated}, the dent lacks {missing} of the depth");
+}
+
+#[test]
 fn contact_at_the_edge_is_refused_and_before_touch_nothing_is_computed() {
     let mut s = solver(Friction::Infinite, Arc::new(Sphere(4.0)), Law::FixedCorotated);
     s.advance(&Pose::new(5.0, 5.0, 0.2, 30.0)).expect("the air is free");
