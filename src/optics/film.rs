@@ -50,7 +50,8 @@ impl Film {
         let square: f64 =
             self.pixels.iter().zip(&truth.pixels).map(|(a, b)| (*a - *b).as_dvec3().length_squared()).sum();
         let mean: f64 = truth.pixels.iter().map(|p| p.as_dvec3().element_sum()).sum::<f64>() / n;
-        (square / n).sqrt() / mean
+        // Black against black is no difference.
+        if square == 0.0 { 0.0 } else { (square / n).sqrt() / mean }
     }
 
     /// 8-bit code values: round(255 oetf(clip(value * exposure, 0, 1))) with the sRGB transfer function.
