@@ -81,7 +81,8 @@ fn real_lines(out: &Path) -> usize {
 fn every_subcommand_explains_itself_with_an_example() {
     let commands = [
         "collect", "check", "simulate", "drive", "devices", "home", "move", "capture", "verify", "report",
-        "emulate", "render", "relight", "protocol", "jog", "stop", "status", "camera", "bench", "stress", "replay",
+        "emulate", "render", "relight", "protocol", "jog", "stop", "status", "camera", "bench", "stress",
+        "replay",
     ];
     let overview = text(&run(&["--help"]).stdout);
     for command in commands {

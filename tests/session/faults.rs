@@ -63,7 +63,9 @@ async fn strike(device: &str, what: &FaultKind, byte: u64, outcomes: &mut Outcom
         }
         Err(e) => {
             assert!(!e.is_stop(), "{tried}: a fault is not a stop");
-            let SessionError::Bench(BenchError::Mover { source: cause, .. }) = e else { panic!("{tried}: {e:?}") };
+            let SessionError::Bench(BenchError::Mover { source: cause, .. }) = e else {
+                panic!("{tried}: {e:?}")
+            };
             *outcomes.ended_early.entry(what.name().to_owned()).or_default() += 1;
             let told = cause.to_string();
             assert!(!told.is_empty() && !told.contains("Err("), "{tried}: {told}");
