@@ -310,26 +310,6 @@ fn tangential_and_torsional_stiffness_follow_the_half_space_and_the_layer_is_sti
 }
 
 #[test]
-fn a_sticking_press_hardly_depends_on_its_increments() {
-    let resolution = Resolution { cell_mm: 0.625, ..Resolution::for_tolerance(0.01) };
-    let force = |steps: u32| {
-        let (pad, settings) = (pad(Law::FixedCorotated), settings(Friction::Infinite));
-        let start = Pose::new(0.0, 0.0, 0.2, 0.0);
-        let indenter = Arc::new(Sphere(4.0));
-        let mut s = QuasiStaticSolver::with_resolution(&pad, &settings, resolution, indenter, &start)
-            .expect("settings are in range");
-        for i in 1..=steps {
-            let depth = 0.8 * f64::from(i) / f64::from(steps);
-            s.advance(&Pose::new(0.0, 0.0, -depth, 0.0)).expect("an easy press");
-        }
-        s.capture(2, 2).expect("a lattice").forces.normal_force_n
-    };
-    // Points that touch half-way stick where they touched, not where they were before or are in the end.
-    let (at_once, in_steps) = (force(1), force(8));
-    assert!((at_once / in_steps - 1.0).abs() < 0.01, "{at_once} against {in_steps}");
-}
-
-#[test]
 fn a_long_slide_ends_in_full_sliding_at_coulombs_force() {
     let mut s = solver(Friction::Coefficient(0.2), Arc::new(Sphere(4.0)), Law::NeoHookean);
     s.advance(&Pose::new(-0.5, 0.0, -0.3, 0.0)).expect("an easy press");
