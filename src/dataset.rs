@@ -218,7 +218,7 @@ impl Dataset {
         // Pictures of an untouched sensor that may be another one.
         let background = root.join("background");
         match std::fs::remove_dir_all(&background) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::write(&background, &e)),
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::write(&background, &e)),
             _ => Self::begin(root, provenance, trajectory, lock),
         }
     }

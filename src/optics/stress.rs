@@ -66,10 +66,13 @@ enum Due {
     Either,
 }
 
+/// Makes what a case tries.
+type Make = Box<dyn Fn(&Settings) -> Result<Trial, Error>>;
+
 struct Case {
     name: String,
     due: Due,
-    make: Box<dyn Fn(&Settings) -> Result<Trial, Error>>,
+    make: Make,
 }
 
 /// Tries all cases; `tell` hears each verdict as it falls.

@@ -52,7 +52,7 @@ pub enum BenchError {
         /// Which, by its name in the rig file.
         device: String,
         /// Why.
-        source: MoverError,
+        source: Box<MoverError>,
     },
     /// The camera failed.
     #[error(transparent)]
@@ -375,7 +375,7 @@ impl Bench {
 
 /// Says whose error it is.
 pub(super) fn of_device(device: &str) -> impl FnOnce(MoverError) -> BenchError + '_ {
-    move |source| BenchError::Mover { device: device.to_owned(), source }
+    move |source| BenchError::Mover { device: device.to_owned(), source: Box::new(source) }
 }
 
 /// Smaller differences are no motion: no axis of such a bench resolves a nanometre.

@@ -291,7 +291,11 @@ impl<'a> Jog<'a> {
         self.hold.let_go();
         match &error {
             BenchError::Stopped => Err(error),
-            BenchError::Mover { source: MoverError::Device(Failure::LinkLost(_)), .. } => Err(error),
+            BenchError::Mover { source, .. }
+                if matches!(**source, MoverError::Device(Failure::LinkLost(_))) =>
+            {
+                Err(error)
+            }
             BenchError::Mover { source, .. } if source.is_stop() => {
                 let home = if is_referenced { "" } else { "; press h to home" };
                 self.say(format!("stopped{home}"));

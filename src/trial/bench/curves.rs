@@ -47,6 +47,9 @@ pub struct Point {
     pub stated_error: Option<f64>,
 }
 
+/// One step on the way to the curves.
+type Part = Box<dyn FnOnce(&mut Curves) -> Result<(), Error> + Send>;
+
 /// All runs and what they were compared with.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Curves {
@@ -75,7 +78,7 @@ pub(super) fn plan(effort: Effort, stages: &mut Vec<Stage>) {
         Effort::Quick => &[4, 10, 20],
         Effort::Full => &[4, 8, 10, 20, 40],
     };
-    let mut add = |name: String, stage: Box<dyn FnOnce(&mut Curves) -> Result<(), Error> + Send>| {
+    let mut add = |name: String, stage: Part| {
         stages.push((name, Box::new(move |report: &mut super::Report| stage(&mut report.curves))));
     };
     add("truth of the curves".into(), Box::new(move |curves| find_truth(curves, truth)));

@@ -393,7 +393,7 @@ fn long(case: &mut Case, nth: u32) {
     let s = &mut case.settings;
     s.friction = Friction::Infinite;
     case.depth_mm = 0.5;
-    if nth % 2 == 0 {
+    if nth.is_multiple_of(2) {
         // 1e5 steps back and forth on a pad of 605 particles.
         s.mode = Mode::Impm;
         s.particles = [11, 11, 5];
