@@ -8,6 +8,8 @@ pub mod cache;
 pub mod records;
 pub mod twin;
 
-pub use bench::{Assembled, BenchError, BenchOptions, bench, camera_alone, movers_alone, stop_ports};
+pub use bench::{
+    Assembled, BenchError, BenchOptions, bench, camera_alone, can_run_at, movers_alone, stop_ports,
+};
 pub use records::{ProvenanceError, provenance, run_notes, session_note, session_settings};
 pub use twin::{TwinError, twin};

@@ -101,6 +101,16 @@ pub enum Error {
         /// Why.
         why: String,
     },
+    /// What says to what the dataset belongs cannot be read.
+    #[error(
+        "{path} is damaged: {why}; restore it from a copy (its text names rig, plan and simulation, so it cannot be made again), or move the folder aside and collect anew; the pictures in it are as they were"
+    )]
+    Head {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        why: String,
+    },
     /// The folder holds something already.
     #[error("{path} already holds a dataset; add --resume to continue it, or choose another --out")]
     Exists {
@@ -512,7 +522,7 @@ fn read_head(root: &Path) -> Result<(Provenance, Trajectory), Error> {
         }
     };
     let damaged =
-        |name: &str, e: serde_json::Error| Error::Decode { path: root.join(name), why: e.to_string() };
+        |name: &str, e: serde_json::Error| Error::Head { path: root.join(name), why: e.to_string() };
     let provenance =
         serde_json::from_slice(&read("dataset.json")?).map_err(|e| damaged("dataset.json", e))?;
     let trajectory =

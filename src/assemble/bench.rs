@@ -93,11 +93,16 @@ pub struct BenchOptions {
     pub no_camera: bool,
 }
 
+/// Only a virtual bench knows another time than the wall's.
+pub fn can_run_at(setup: &Setup, speed: f64) -> bool {
+    speed == 1.0 || setup.rig.is_virtual()
+}
+
 /// Opens everything and verifies who answers. Nothing moves.
 pub async fn bench(setup: &Setup, options: &BenchOptions, stop: StopSwitch) -> Result<Assembled, BenchError> {
     let rig = &setup.rig;
     let speed = if options.speed > 0.0 { options.speed } else { 1.0 };
-    if speed != 1.0 && !rig.is_virtual() {
+    if !can_run_at(setup, speed) {
         return Err(BenchError::RealTimeOnly { speed, rig: rig.name.clone() });
     }
     let clock = Clock::with_speed(speed);

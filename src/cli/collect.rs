@@ -116,6 +116,11 @@ impl Args {
             return Err(CollectError::NobodyThere { rig: setup.rig.name.clone() });
         }
 
+        let speed = self.speed.speed;
+        if !assemble::can_run_at(setup, speed) {
+            return Err(assemble::BenchError::RealTimeOnly { speed, rig: setup.rig.name.clone() }.into());
+        }
+
         // The dataset comes first: what does not belong is refused before anything is opened.
         let asked = assemble::provenance(setup)?;
         let dataset = match (self.resume, self.out.join("dataset.json").exists()) {
@@ -127,6 +132,10 @@ impl Args {
                 dataset
             }
             _ if self.sim_only => Dataset::resume(&self.out, &asked)?.0,
+            (true, false) => {
+                screen::note(format_args!("{} holds nothing to resume: begun", self.out.display()));
+                Dataset::create(&self.out, asked, &plan.trajectory).map_err(CollectError::Begin)?
+            }
             _ => Dataset::create(&self.out, asked, &plan.trajectory).map_err(CollectError::Begin)?,
         };
         let dataset = Arc::new(dataset);

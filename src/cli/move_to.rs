@@ -103,6 +103,19 @@ impl Args {
                 return Exit::Refused;
             }
         }
+        for coordinate in Coordinate::ALL {
+            let given = wanted.iter().any(|(c, v)| *c == coordinate && v.is_some());
+            let (name, feed) =
+                if coordinate == Coordinate::Theta { ("turn", self.turn) } else { ("feed", self.feed) };
+            let fastest = bench.limits(coordinate).map_or(f64::INFINITY, |l| l.max_feed);
+            if given && feed > fastest {
+                screen::error(format_args!(
+                    "--{name} {feed:?} is outside 0 to {fastest}, what the axis of {} allows; choose a slower one; nothing was moved",
+                    coordinate.name()
+                ));
+                return Exit::Refused;
+            }
+        }
         let moved = async {
             if !bench.is_referenced() && self.home {
                 bench.home().await?;

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 pub struct Args {
     /// Folder of the dataset
     pub dataset: PathBuf,
-    /// Print the metrics as one JSON document
+    /// Print the path of the report as one JSON document (the metrics are in the Parquet files)
     #[arg(long)]
     pub json: bool,
 }

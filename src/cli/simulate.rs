@@ -95,8 +95,9 @@ impl Args {
                 }
             }
             Ok(Err(e)) => {
+                let is_refusal = matches!(e, SimulateError::Occupied { .. } | SimulateError::Captures { .. });
                 screen::error(e);
-                Exit::Failed
+                if is_refusal { Exit::Refused } else { Exit::Failed }
             }
             Err(e) => {
                 screen::error(format_args!("the simulation ended unexpectedly: {e}"));
@@ -114,6 +115,7 @@ impl Args {
         let is_rendered = self.render || !self.surface;
         let wear = if is_rendered { Some(self.wear(&twin)?) } else { None };
 
+        self.belongs_here(trajectory)?;
         let write = |path: PathBuf, bytes: Vec<u8>| {
             std::fs::write(&path, bytes).map_err(|e| SimulateError::Write { path, why: e.to_string() })
         };
@@ -187,6 +189,22 @@ impl Args {
         account.sort()?;
         let seconds = begun.elapsed().as_secs_f64();
         Ok(Summary { out: self.out.clone(), captures: wanted.len(), simulated, failed, is_complete, seconds })
+    }
+
+    /// Refuses a folder that holds something else: a dataset, or the simulation of another plan.
+    fn belongs_here(&self, trajectory: &Trajectory) -> Result<(), SimulateError> {
+        let occupied = |by| SimulateError::Occupied { path: self.out.clone(), by };
+        if self.out.join("dataset.json").exists() {
+            return Err(occupied("a dataset"));
+        }
+        let mark = self.out.join(MARK);
+        let hash = trajectory.hash();
+        match std::fs::read_to_string(&mark) {
+            Ok(other) if other.trim() != hash => return Err(occupied("the simulation of another plan")),
+            _ => {}
+        }
+        std::fs::create_dir_all(&self.out).map_err(|e| unwritten(&self.out, &e))?;
+        std::fs::write(&mark, format!("{hash}\n")).map_err(|e| unwritten(&mark, &e))
     }
 
     /// Removes what an earlier run left in the same folder, so that nothing of it is taken for this one's.
@@ -312,11 +330,16 @@ impl std::fmt::Display for Summary {
     }
 }
 
+/// Names the trajectory that a folder of results belongs to.
+const MARK: &str = "trajectory.blake3";
+
 /// Why nothing, or not everything, could be simulated.
 #[derive(Debug, thiserror::Error)]
 enum SimulateError {
     #[error("no plan was given")]
     NoPlan,
+    #[error("{} holds {by}; choose another --out", path.display())]
+    Occupied { path: PathBuf, by: &'static str },
     #[error(transparent)]
     Twin(#[from] assemble::TwinError),
     #[error(transparent)]

@@ -338,6 +338,12 @@ impl Loader {
         };
         let carried = named(rig).filter(|(_, name)| name != ANY_SENSOR);
         let wanted = named(plan);
+        if let (Some((document, name)), Some(_)) = (&carried, &wanted)
+            && lookup.find(Kind::Sensor, name).is_err()
+        {
+            self.named(Kind::Sensor, name, document, "sensor", lookup);
+            return None;
+        }
         if let (Some((_, carried)), Some((document, wanted))) = (&carried, &wanted)
             && carried != wanted
         {

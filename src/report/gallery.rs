@@ -60,8 +60,9 @@ pub fn all(dataset: &Dataset, facts: &Facts) -> String {
             shown.iter().zip(&strips).filter(|(s, _)| s.indenter == name).map(|(_, t)| t.as_str()).collect();
         if !own.is_empty() {
             let number = facts.of_indenter(name).count();
-            text +=
-                &fold(&format!("{name}: {number} captures"), &format!("<div class=\"shots\">{own}</div>"));
+            let content = format!("<div class=\"shots\">{own}</div>");
+            // A page without highlights shows what it has.
+            text += &fold(&format!("{name}: {number} captures"), &content, count < 2 * HIGHLIGHTS);
         }
     }
     if count == 0 {

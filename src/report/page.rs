@@ -10,9 +10,10 @@ pub fn section(title: &str, content: &str) -> String {
     format!("<section><h2>{}</h2>{content}</section>\n", escape(title))
 }
 
-/// Something folded up until it is opened.
-pub fn fold(title: &str, content: &str) -> String {
-    format!("<details><summary>{}</summary>{content}</details>\n", escape(title))
+/// Something that can be folded up, and is unless it is to be open.
+pub fn fold(title: &str, content: &str, is_open: bool) -> String {
+    let open = if is_open { " open" } else { "" };
+    format!("<details{open}><summary>{}</summary>{content}</details>\n", escape(title))
 }
 
 /// A table; cells are HTML.

@@ -261,7 +261,7 @@ pub fn provenance(facts: &Facts) -> String {
         [("Rig file", &p.rig_toml), ("Plan file", &p.plan_toml), ("Sensor file", &p.sensor_toml)]
     {
         if !toml.is_empty() {
-            text += &fold(title, &format!("<pre>{}</pre>", escape(toml)));
+            text += &fold(title, &format!("<pre>{}</pre>", escape(toml)), false);
         }
     }
     if !facts.sessions.is_empty() {
@@ -270,6 +270,7 @@ pub fn provenance(facts: &Facts) -> String {
         text += &fold(
             "Runs: devices, firmware, how each ended",
             &format!("<pre>{}</pre>", escape(&notes.join("\n"))),
+            false,
         );
     }
     section("Settings and provenance", &text)

@@ -87,7 +87,13 @@ impl SessionError {
 
     /// Whether nothing can be in motion when this happens: a stop would only cost some devices their position.
     fn comes_between_moves(&self) -> bool {
-        matches!(self, SessionError::NoReceiver | SessionError::NotMounted { .. })
+        let looks = |e: &BenchError| matches!(e, BenchError::Camera(_) | BenchError::NotStill { .. });
+        match self {
+            SessionError::NoReceiver | SessionError::NotMounted { .. } => true,
+            SessionError::Bench(e) => looks(e),
+            SessionError::TouchOff { source: TouchOffError::Bench(e), .. } => looks(e),
+            SessionError::TouchOff { .. } => true,
+        }
     }
 
     /// A mover that the switch interrupted tells it in its own words; the cause is the switch.
