@@ -1,0 +1,59 @@
+//! What the sample points of the contact do not see.
+//!
+//! Contact is enforced at a few points of each cell. A knife, a pin or the crest of a wave may pass between them: the
+//! face is then found at rest under a body that stands in it. So the face is looked at again, on a lattice fine enough
+//! for the narrowest of the shipped bodies, and what is found counts as error.
+
+use super::grid::Grid;
+use crate::indenter::Indenter;
+use crate::pose::Pose;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Spacing of the lattice, mm: two points across the narrowest edge of the press set (0.2 mm).
+const SPACING_MM: f64 = 0.1;
+
+/// Root mean square of the penetration over the points of the face that lie in the indenter, mm; 0 where none does.
+pub fn unseen_penetration_mm(grid: &Grid, u: &[f32], indenter: &dyn Indenter, pose: &Pose) -> f64 {
+    let [hx, hy] = indenter.half_extent_mm();
+    let reach = hx.hypot(hy) + SPACING_MM;
+    let lattice = |at: f64, size: f64| {
+        let half = size / 2.0;
+        let (low, high) = ((at - reach).max(-half), (at + reach).min(half));
+        let n = if high > low { ((high - low) / SPACING_MM) as usize } else { 0 };
+        (0..n).map(move |i| low + (i as f64 + 0.5) * SPACING_MM)
+    };
+    let columns: Vec<(f64, usize, [f64; 3])> = lattice(pose.x_mm, grid.size[0])
+        .map(|x| {
+            let (cell, weights) = Grid::trace(x, grid.size[0], grid.nx);
+            (x, cell, weights)
+        })
+        .collect();
+    let rows: Vec<f64> = lattice(pose.y_mm, grid.size[1]).collect();
+    let (cx, top) = (grid.cx(), grid.layers() - 1);
+    let of_row = |y: &f64| {
+        let (j, wy) = Grid::trace(*y, grid.size[1], grid.ny);
+        let (mut squares, mut inside) = (0.0, 0_u64);
+        for (x, i, wx) in &columns {
+            let mut p = [*x, *y, 0.0];
+            for (c, p) in p.iter_mut().enumerate() {
+                let plane = &u[grid.at(c, top)..][..grid.plane()];
+                for (b, wy) in wy.iter().enumerate() {
+                    for (a, wx) in wx.iter().enumerate() {
+                        *p += wy * wx * f64::from(plane[(j + b) * cx + i + a]);
+                    }
+                }
+            }
+            let gap = indenter.distance(pose.to_indenter(DVec3::from_array(p)));
+            if gap < 0.0 {
+                squares += gap * gap;
+                inside += 1;
+            }
+        }
+        (squares, inside)
+    };
+    // Rows are summed in their order, whatever the number of threads.
+    let sums: Vec<(f64, u64)> = rows.par_iter().map(of_row).collect();
+    let (squares, inside) = sums.iter().fold((0.0, 0), |(s, n), (a, b)| (s + a, n + b));
+    if inside == 0 { 0.0 } else { (squares / inside as f64).sqrt() }
+}
