@@ -10,6 +10,7 @@ pub mod arithmetic;
 pub mod bootstrap;
 pub mod metrics;
 pub mod npy;
+pub mod palette;
 pub mod png;
 
 use crate::frame::Frame;

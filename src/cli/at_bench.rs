@@ -1,6 +1,7 @@
 //! Opening a bench for a command that uses it and puts it back: load, assemble, catch signals.
 
 use super::exit::Exit;
+use super::options::{RigOptions, Speed};
 use super::screen;
 use super::signals::Signals;
 use crate::assemble::{self, Assembled, BenchOptions};
@@ -35,6 +36,13 @@ pub struct Wanted<'a> {
     pub set: &'a [String],
     /// Times faster than real time.
     pub speed: f64,
+}
+
+impl<'a> Wanted<'a> {
+    /// Of a command that moves a bench without a plan.
+    pub fn by_hand(command: &'static str, rig: &'a RigOptions, speed: &Speed) -> Self {
+        Self { command, rig: &rig.rig, plan: None, set: &rig.overrides.set, speed: speed.speed }
+    }
 }
 
 impl AtBench {

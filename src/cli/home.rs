@@ -23,13 +23,7 @@ pub struct Args {
 impl Args {
     /// Runs the subcommand.
     pub async fn run(self) -> Exit {
-        let wanted = Wanted {
-            command: "home",
-            rig: &self.rig.rig,
-            plan: None,
-            set: &self.rig.overrides.set,
-            speed: self.speed.speed,
-        };
+        let wanted = Wanted::by_hand("home", &self.rig, &self.speed);
         let mut at = match AtBench::open(wanted).await {
             Ok(at) => at,
             Err(exit) => return exit,

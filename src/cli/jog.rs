@@ -76,13 +76,7 @@ impl Args {
             screen::error("jogging needs a terminal to read keys from; use `twinrig move` in a script");
             return Exit::Refused;
         }
-        let wanted = Wanted {
-            command: "jog",
-            rig: &self.rig.rig,
-            plan: None,
-            set: &self.rig.overrides.set,
-            speed: self.speed.speed,
-        };
+        let wanted = Wanted::by_hand("jog", &self.rig, &self.speed);
         let mut at = match AtBench::open(wanted).await {
             Ok(at) => at,
             Err(exit) => return exit,

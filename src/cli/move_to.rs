@@ -68,13 +68,7 @@ impl Args {
             ));
             return Exit::Refused;
         }
-        let wanted = Wanted {
-            command: "move",
-            rig: &self.rig.rig,
-            plan: None,
-            set: &self.rig.overrides.set,
-            speed: self.speed.speed,
-        };
+        let wanted = Wanted::by_hand("move", &self.rig, &self.speed);
         let mut at = match AtBench::open(wanted).await {
             Ok(at) => at,
             Err(exit) => return exit,

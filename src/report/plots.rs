@@ -4,21 +4,11 @@
 
 use super::facts::{Facts, Shot, Where};
 use super::page::{escape, section};
+use crate::image::palette::SERIES;
 use crate::motion::Primitive;
 use plotters::prelude::*;
 use std::collections::BTreeMap;
 
-/// Colours that stand out on white and on near-black.
-const SERIES: [RGBColor; 8] = [
-    RGBColor(31, 119, 180),
-    RGBColor(225, 110, 20),
-    RGBColor(40, 150, 75),
-    RGBColor(200, 60, 70),
-    RGBColor(140, 100, 200),
-    RGBColor(150, 105, 80),
-    RGBColor(215, 105, 180),
-    RGBColor(20, 160, 175),
-];
 const NULL: RGBColor = RGBColor(140, 145, 150);
 /// Stand-ins that are replaced by the page's own colours.
 const INK: RGBColor = RGBColor(1, 2, 3);

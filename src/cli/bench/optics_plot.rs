@@ -1,20 +1,11 @@
 //! Error over processor time as SVG, both logarithmic: ours as lines, peers as points.
 
+use crate::image::palette::SERIES;
 use crate::optics::bench::{Point, Report};
 use plotters::prelude::*;
 use std::collections::BTreeMap;
 
 const SIZE: (u32, u32) = (900, 560);
-const COLOURS: [RGBColor; 8] = [
-    RGBColor(31, 119, 180),
-    RGBColor(225, 110, 20),
-    RGBColor(40, 150, 75),
-    RGBColor(200, 60, 70),
-    RGBColor(140, 100, 200),
-    RGBColor(150, 105, 80),
-    RGBColor(215, 105, 180),
-    RGBColor(20, 160, 175),
-];
 
 /// The plot.
 pub(super) fn svg(report: &Report) -> Result<String, String> {
@@ -41,7 +32,7 @@ fn draw(
         .build_cartesian_2d((0.001..200.0_f64).log_scale(), (0.0005..1.0_f64).log_scale())?;
     chart.configure_mesh().x_desc("processor seconds a frame").y_desc("relRMSE").draw()?;
     for (k, ((peer, name), points)) in series.iter().enumerate() {
-        let colour = COLOURS[k % COLOURS.len()];
+        let colour = SERIES[k % SERIES.len()];
         let at = |p: &&Point| (p.cpu_s.clamp(0.001, 200.0), p.error.clamp(0.0005, 1.0));
         let mut along: Vec<(f64, f64)> = points.iter().map(at).collect();
         along.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -1,6 +1,7 @@
 //! Tables and a picture of a report: CSV for programs, SVG for people.
 
 use super::Report;
+use crate::image::palette::SERIES;
 use plotters::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -167,14 +168,6 @@ fn skips_csv(report: &Report) -> String {
     text
 }
 
-const COLOURS: [RGBColor; 6] = [
-    RGBColor(31, 119, 180),
-    RGBColor(40, 150, 75),
-    RGBColor(225, 110, 20),
-    RGBColor(200, 60, 70),
-    RGBColor(140, 100, 200),
-    RGBColor(150, 105, 80),
-];
 const PEERS: RGBColor = RGBColor(110, 115, 120);
 
 /// One line of the picture.
@@ -232,7 +225,7 @@ fn error_vs_time(report: &Report) -> Result<String, Box<dyn std::error::Error>> 
             .label_style(("sans-serif", 13))
             .light_line_style(TRANSPARENT)
             .draw()?;
-        for (line, colour) in lines.iter().zip(COLOURS.iter().cycle().copied()) {
+        for (line, colour) in lines.iter().zip(SERIES.iter().cycle().copied()) {
             chart
                 .draw_series(LineSeries::new(line.points.iter().copied(), colour.stroke_width(2)))?
                 .label(&line.name)
