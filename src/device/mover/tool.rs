@@ -251,7 +251,7 @@ impl Mover {
         }
 
         self.forget_sent();
-        let mut reached = Reached { measured: here, rested_at: self.clock.now(), recoveries: 0 };
+        let mut reached = Reached::nowhere(here, self.clock.now());
         let last = way.len().saturating_sub(1);
         for (i, piece) in way.iter().enumerate() {
             self.still_allowed()?;

@@ -90,7 +90,7 @@ fn go(targets: &[(usize, f64)], feed: f64) -> Request {
     Request::Move { targets: targets.to_vec(), feed, jog: false }
 }
 
-const SETTLE: Request = Request::Settle { stall: Duration::from_secs(3) };
+const SETTLE: Request = Request::Settle { stall: Duration::from_secs(3), expected: None };
 
 #[test]
 fn a_grbl_move_is_a_jog_and_ends_when_idle_is_confirmed_twice() {
@@ -444,7 +444,7 @@ fn zaber_replies_are_matched_by_id() {
 #[test]
 fn an_unanswered_question_wakes_nobody_in_the_meantime() {
     let mut b = Bench::new("zaber_ascii", &[("slide", "1/1")]);
-    b.engine.submit(Request::Settle { stall: Duration::from_secs(3) });
+    b.engine.submit(Request::Settle { stall: Duration::from_secs(3), expected: None });
     b.out();
     for _ in 0..20 {
         b.pass_ms(60);
