@@ -1,4 +1,5 @@
-//! The load of a session: the twin's side of a collection, on every core and onto the disk.
+//! The load of a session: the twin's side of a collection, on every core and onto the disk. One collection does not keep
+//! all cores busy all the time, so there are as many as cores.
 
 use crate::assemble;
 use crate::collection::Collection;
@@ -9,7 +10,7 @@ use crate::twin::Twin;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A collection that simulates, renders and stores a plan over and over until this is dropped.
+/// Collections that simulate, render and store a plan over and over until this is dropped.
 pub(super) struct Load {
     stop: StopSwitch,
 }
@@ -29,29 +30,26 @@ impl Load {
     /// Begins to collect the simulated side of a setup's plan, in folders below `scratch` that are thrown away.
     pub(super) fn start(setup: &Setup, scratch: &Path) -> Result<Load, LoadError> {
         let plan = setup.plan.as_ref().ok_or(LoadError::NoPlan)?;
-        let (twin, provenance) = (Arc::new(assemble::twin(setup)?), assemble::provenance(setup)?);
-        let (trajectory, scratch) = (plan.trajectory.clone(), scratch.to_owned());
         // Not the switch of the session that is stopped: this load goes on while that is measured.
         let stop = StopSwitch::new();
-        let until = stop.clone();
-        tokio::spawn(async move {
-            for round in 0.. {
-                let folder = scratch.join(format!("load-{round}"));
-                let dataset = match Dataset::create(&folder, provenance.clone(), &trajectory) {
-                    Ok(dataset) => Arc::new(dataset),
-                    Err(e) => return tracing::error!("there is no load: {e}"),
-                };
-                let ended = collect(dataset, twin.clone(), until.clone()).await;
-                if let Err(e) =
-                    ended.and_then(|()| std::fs::remove_dir_all(&folder).map_err(|e| e.to_string()))
-                {
-                    return tracing::error!("the load has ended: {e}");
+        for core in 0..std::thread::available_parallelism().map_or(1, usize::from) {
+            let (twin, provenance) = (Arc::new(assemble::twin(setup)?), assemble::provenance(setup)?);
+            let (trajectory, folder) = (plan.trajectory.clone(), scratch.join(format!("load-{core}")));
+            let until = stop.clone();
+            tokio::spawn(async move {
+                while !until.is_raised() {
+                    let dataset = match Dataset::create(&folder, provenance.clone(), &trajectory) {
+                        Ok(dataset) => Arc::new(dataset),
+                        Err(e) => return tracing::error!("there is no load: {e}"),
+                    };
+                    let ended = collect(dataset, twin.clone(), until.clone()).await;
+                    let cleared = std::fs::remove_dir_all(&folder).map_err(|e| e.to_string());
+                    if let Err(e) = ended.and(cleared) {
+                        return tracing::error!("the load has ended: {e}");
+                    }
                 }
-                if until.is_raised() {
-                    return;
-                }
-            }
-        });
+            });
+        }
         Ok(Load { stop })
     }
 }

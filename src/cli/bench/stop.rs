@@ -1,8 +1,8 @@
 //! `twinrig bench stop`: from a signal to the stop's bytes on every port.
 //!
 //! Two processes. The *victim* is a session as far as stopping goes: it holds three ports through the ordinary links, keeps
-//! all axes moving, and collects the simulated side of a plan beside it: the twin simulates and renders with every core and
-//! stores what it has made. This process is the *witness*: it serves emulated
+//! all axes moving, and collects the simulated side of a plan beside it, once for each core: the twins simulate, render and
+//! store what they have made. This process is the *witness*: it serves emulated
 //! controllers on the far ends of the ports, sends SIGTERM at a random instant, and notes when the last
 //! byte of each port's stop has come out at the far end. So a time contains everything: the kernel's
 //! delivery of the signal, the victim's way to its ports, and the witness's own wake-up on the same busy machine.
