@@ -134,7 +134,8 @@ pub fn verify(root: &Path) -> Result<Verification, Error> {
         let beyond: Vec<String> = done.range(captures..).map(u32::to_string).collect();
         if !beyond.is_empty() {
             let (list, last) = (beyond.join(", "), captures.saturating_sub(1));
-            let why = format!("tells of captures {list}, but the plan ends at {last}; it belongs to another plan");
+            let why =
+                format!("tells of captures {list}, but the plan ends at {last}; it belongs to another plan");
             findings.push(finding(journal, why));
         }
     }

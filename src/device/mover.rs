@@ -318,6 +318,11 @@ impl Mover {
 
     async fn read_positions(&mut self) -> Result<Vec<Measured>, MoverError> {
         self.call(Request::Position).await?;
+        self.told_positions()
+    }
+
+    /// The positions as they were told last.
+    fn told_positions(&self) -> Result<Vec<Measured>, MoverError> {
         let telemetry = self.link.telemetry();
         let mut all = Vec::new();
         for (axis, reading) in self.names.iter().zip(&telemetry.positions) {
