@@ -143,21 +143,25 @@ struct Studio {
     picture: Picture,
     noise: SensorNoise,
     /// The last picture of a scene at rest, before noise: the next frame very often sees the same.
-    last: Mutex<Option<(WorldScene, Drag, Arc<Vec<f32>>)>>,
+    last: Mutex<Option<Drawn>>,
+}
+
+/// A picture, and what it shows.
+struct Drawn {
+    scene: WorldScene,
+    drag: Drag,
+    picture: Arc<Vec<f32>>,
 }
 
 impl Studio {
     /// The scene without noise.
     fn draw(&self, scene: &WorldScene, drag: &Drag) -> Arc<Vec<f32>> {
         let last = || self.last.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        if let Some((seen, carried, picture)) = &*last()
-            && seen.is(scene)
-            && carried == drag
-        {
-            return picture.clone();
+        if let Some(drawn) = last().as_ref().filter(|drawn| drawn.scene.is(scene) && drawn.drag == *drag) {
+            return drawn.picture.clone();
         }
         let picture = Arc::new(self.picture.draw(&scene.pose, scene.indenter.as_ref(), drag));
-        *last() = Some((scene.clone(), *drag, picture.clone()));
+        *last() = Some(Drawn { scene: scene.clone(), drag: *drag, picture: picture.clone() });
         picture
     }
 }
