@@ -52,6 +52,8 @@ pub struct Newton {
     pub(in crate::elastomer) interrupt: Interrupt,
     /// Newton iterations since the counters were cleared.
     pub iterations: u64,
+    /// trace
+    pub last_passes: u64,
     /// Tangent applications since the counters were cleared.
     pub passes: u64,
 }
@@ -167,8 +169,11 @@ impl Newton {
             self.springs.update(grid, &problem.machine.green, contacts);
             self.direction(problem, contacts, f64::max(forcing, 0.3 * goal / state.relative));
             let before = state.relative;
+            let p0 = self.passes;
+            let _ = p0;
             let Some(next) = self.search(problem, contacts, u) else { break };
             *state = next;
+            if std::env::var_os("QT").is_some() { eprintln!("    newton {} passes {} rel {before:.2e} -> {:.2e} goal {goal:.1e} active {}", iterations, self.last_passes, state.relative, contacts.active().len()); }
             // Eisenstat and Walker's second choice keeps the inner effort in step with progress.
             forcing = (0.9 * (state.relative / before).powi(2)).clamp(0.02, LOOSEST);
         }
@@ -221,7 +226,9 @@ impl Newton {
         let mut rz = dot(&self.r, &self.z);
         // In the preconditioner's norm: the stiff contact springs do not hide the soft pad.
         let stop = goal * goal * rz;
+        self.last_passes = 0;
         for pass in 0..MOST_PASSES {
+            self.last_passes += 1;
             // What is found now is of no use any more; whoever asked for it ends.
             if self.interrupt.check().is_err() {
                 break;
