@@ -18,6 +18,7 @@
 )]
 
 pub mod bridge;
+pub mod cholesky;
 pub mod contact;
 pub mod grid;
 pub mod lanes;
@@ -296,3 +297,4 @@ pub(super) fn check(pad: &Pad, settings: &Settings) -> Result<(), Error> {
 
 #[cfg(test)]
 mod tests;
+pub(crate) fn tune(name: &str, default: f64) -> f64 { std::env::var(name).map_or(default, |v| v.parse().unwrap()) }

@@ -211,7 +211,7 @@ impl Contacts {
             area: grid.hx * grid.hy / (per_axis * per_axis) as f64,
             stiffness,
             tangential: stiffness
-                * if friction == Friction::Infinite { STICK_SOFTNESS } else { SLIP_SOFTNESS },
+                * if friction == Friction::Infinite { super::tune("SS", STICK_SOFTNESS) } else { SLIP_SOFTNESS },
             law: FrictionLaw { friction, strength },
             bilateral: false,
             latest: 0.0,
@@ -445,9 +445,9 @@ impl Contacts {
     pub fn update(&mut self, indenter: &dyn Indenter, poses: [&Pose; 2], u: &[f32], round: u32) -> Updated {
         let mut out = Updated::default();
         let tangent = self.has_friction();
-        let bounds_follow = self.law.friction != Friction::Infinite || round <= BOUND_ROUNDS;
+        let bounds_follow = self.law.friction != Friction::Infinite || round <= super::tune("BR", 3.0) as u32;
         // A point that loses its pressure in an early round may be back in the next; later it lets go for good.
-        let revocable = round <= MULTIPLIER_ROUNDS;
+        let revocable = round <= super::tune("MR", 3.0) as u32;
         let (mut change, mut total) = (0.0, 0.0);
         let mut samples = std::mem::take(&mut self.samples);
         let met = |s: &Sample| s.entry.filter(|_| s.pressure > 0.0).map_or(0.0, |e| e.fraction);
@@ -489,7 +489,7 @@ impl Contacts {
                     held.1 += 1;
                 }
             }
-            if round > MULTIPLIER_ROUNDS {
+            if round > super::tune("MR", 3.0) as u32 {
                 continue;
             }
             // The multipliers become the mean traction of the points that hold, as far as the bounds allow.

@@ -48,7 +48,7 @@ const EDGE_MARGIN_MM: f64 = 1.0;
 /// The pad at one resolution.
 #[derive(Debug)]
 pub struct Level {
-    machine: Arc<Machine>,
+    pub machine: Arc<Machine>,
     /// Residual to reach, relative to the contact forces.
     residual: f64,
     /// Penetration that may remain, mm.
@@ -56,7 +56,7 @@ pub struct Level {
     /// Forces below this count as this, N.
     least_force: f64,
     /// The equilibrium reached.
-    at: Equilibrium,
+    pub at: Equilibrium,
     /// The iteration and its counters.
     pub newton: Newton,
 }
@@ -65,7 +65,7 @@ pub struct Level {
 #[derive(Debug, Clone)]
 pub struct Equilibrium {
     pose: Pose,
-    contacts: Contacts,
+    pub contacts: Contacts,
     u: Vec<f32>,
     /// Displacement one increment ago, and the way of the indenter since then, for extrapolation.
     last: Option<(Vec<f32>, [f64; 4])>,
@@ -92,7 +92,7 @@ impl Level {
         let green = FaceGreen::new(&grid, &layer);
         // 17 MPa/mm at E = 0.145 MPa and cells of 0.4 mm: ten times the pad's own stiffness at that scale;
         // the multipliers do the rest.
-        let stiffness = 50.0 * material.youngs_modulus_mpa / grid.hx;
+        let stiffness = super::tune("K", 50.0) * material.youngs_modulus_mpa / grid.hx;
         let contacts = Contacts::new(&grid, resolution.samples, stiffness, friction, STICK_STRENGTH * mu);
         let u = vec![0.0; grid.field_len()];
         let least_force = 1e-5 * material.youngs_modulus_mpa * grid.hx * grid.hy;
@@ -268,7 +268,7 @@ impl Level {
         let mut spent = 0;
         let mut rounds = 0;
         loop {
-            let goal = if rounds < QUICK_ROUNDS { QUICK_REDUCTION * state.relative.min(1.0) } else { 0.0 };
+            let goal = if rounds < QUICK_ROUNDS { super::tune("QR", QUICK_REDUCTION) * state.relative.min(1.0) } else { 0.0 };
             let goal = goal.max(self.residual);
             let mut outcome = self.newton.solve(problem, &mut self.at.contacts, &mut self.at.u, &mut state, goal);
             rounds += 1;

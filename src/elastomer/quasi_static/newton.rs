@@ -162,7 +162,7 @@ impl Newton {
     ) -> Outcome {
         let grid = problem.machine.operator.grid();
         let mut iterations = 0;
-        let mut forcing = LOOSEST;
+        let mut forcing = super::tune("LO", 0.05);
         while state.relative > goal && iterations < MOST_ITERATIONS && state.valid() {
             iterations += 1;
             self.iterations += 1;
@@ -175,7 +175,7 @@ impl Newton {
             *state = next;
             if std::env::var_os("QT").is_some() { eprintln!("    newton {} passes {} rel {before:.2e} -> {:.2e} goal {goal:.1e} active {}", iterations, self.last_passes, state.relative, contacts.active().len()); }
             // Eisenstat and Walker's second choice keeps the inner effort in step with progress.
-            forcing = (0.9 * (state.relative / before).powi(2)).clamp(0.02, LOOSEST);
+            forcing = (0.9 * (state.relative / before).powi(2)).clamp(0.02, super::tune("LO", 0.05));
         }
         Outcome {
             converged: state.relative <= goal,
