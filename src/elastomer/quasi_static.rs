@@ -3,13 +3,14 @@
 //! Total-Lagrangian, on quadratic B-splines over a grid that fits the pad ([`grid`]); stresses and
 //! tangents from the stored energy ([`law`], [`operator`]); unilateral contact with Coulomb or infinite
 //! friction against the indenter's signed distance ([`contact`]); Newton's method with conjugate gradients
-//! ([`newton`]), preconditioned by the exact inverse of the undeformed layer ([`layer`]) with the contact
-//! springs added by the Woodbury formula ([`springs`]). Relative rest, which the explicit modes reach by
+//! ([`newton`]), preconditioned by the inverse of the undeformed layer ([`layer`]) with the contact
+//! springs added by the Woodbury formula ([`springs`], [`cholesky`]). Relative rest, which the explicit modes reach by
 //! looping, is here the friction law itself.
 //!
-//! A path is followed in increments; what an increment leaves behind is the displacement and, with
-//! friction, the anchors of the points that touch. Nothing is computed before the first touch. An
-//! increment that does not converge is halved, and given up with a typed error in the end.
+//! A path is followed in increments ([`level`]), first on coarse grids, whose answers are the guesses of finer ones
+//! ([`bridge`]); what an increment leaves behind is the displacement and, with friction, the anchors of the points that
+//! touch. Nothing is computed before the first touch. An increment that does not converge is halved, and given up with
+//! a typed error in the end.
 
 #![allow(
     clippy::needless_range_loop,
@@ -152,7 +153,10 @@ impl Elastomer for QuasiStaticSolver {
 
     fn fork(&self) -> Box<dyn Elastomer> {
         let fork = |s: &Step| Step { level: s.level.fork(), bridge: s.bridge.clone(), lost: s.lost };
-        Box::new(Self { levels: self.levels.iter().map(fork).collect(), indenter: Arc::clone(&self.indenter) })
+        Box::new(Self {
+            levels: self.levels.iter().map(fork).collect(),
+            indenter: Arc::clone(&self.indenter),
+        })
     }
 }
 
@@ -170,7 +174,12 @@ const FINEST: Patience = Patience { halvings: 6, passes: 4000.0 };
 const COARSER: Patience = Patience { halvings: 2, passes: 600.0 };
 
 /// Follows a straight way with the last of `levels`, the others going ahead.
-fn follow(levels: &mut [Step], indenter: &dyn Indenter, pose: &Pose, patience: &Patience) -> Result<(), Error> {
+fn follow(
+    levels: &mut [Step],
+    indenter: &dyn Indenter,
+    pose: &Pose,
+    patience: &Patience,
+) -> Result<(), Error> {
     let finest = levels.len() - 1;
     let start = *levels[finest].level.pose();
     let parts = levels[finest].level.increments(&start, pose);
@@ -297,4 +306,3 @@ pub(super) fn check(pad: &Pad, settings: &Settings) -> Result<(), Error> {
 
 #[cfg(test)]
 mod tests;
-pub(crate) fn tune(name: &str, default: f64) -> f64 { std::env::var(name).map_or(default, |v| v.parse().unwrap()) }

@@ -40,7 +40,9 @@ impl Bridge {
         let along_x: Vec<f32> = from
             .par_chunks(cx)
             .with_min_len(64)
-            .flat_map_iter(|row| ax.iter().map(move |terms| terms.iter().map(|(i, w)| w * row[*i]).sum::<f32>()))
+            .flat_map_iter(|row| {
+                ax.iter().map(move |terms| terms.iter().map(|(i, w)| w * row[*i]).sum::<f32>())
+            })
             .collect();
         let row = ax.len();
         let along_y = combine(&along_x, row, cy, ay);

@@ -210,9 +210,8 @@ mod tests {
     fn factors_of_any_size_solve_their_systems() {
         for n in [1, 2, 15, 31, 32, 33, 64, 70, 101] {
             // A covariance that falls with distance, which has a factor.
-            let entry = |i: usize, j: usize| {
-                (-0.3 * i.abs_diff(j) as f32).exp() + if i == j { 0.1 } else { 0.0 }
-            };
+            let entry =
+                |i: usize, j: usize| (-0.3 * i.abs_diff(j) as f32).exp() + if i == j { 0.1 } else { 0.0 };
             let mut cholesky = Cholesky::default();
             let (rows, stride) = cholesky.prepare(n);
             for i in 0..n {

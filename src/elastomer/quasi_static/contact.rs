@@ -42,8 +42,9 @@ const PEEL_COEFFICIENT: f64 = 20.0;
 const LATENESS: f64 = 1.25;
 /// Rounds of an increment in which the bounds of infinite friction follow the pressure.
 const BOUND_ROUNDS: u32 = 3;
-/// Rounds in which tangential multipliers are brought up to date.
-const MULTIPLIER_ROUNDS: u32 = 6;
+/// Rounds in which tangential multipliers are brought up to date, with infinite friction and with a coefficient: the
+/// softer springs of the latter need more.
+const MULTIPLIER_ROUNDS: [u32; 2] = [3, 6];
 
 /// Largest tangential traction of infinite friction over the shear modulus. Found by experiment: a sphere of
 /// radius 3 pressed 0.5 mm does not notice it at 0.5 mm of slide; at 1 mm it drags 12 % less with 1.5 than with 3.
@@ -167,8 +168,8 @@ pub struct Contacts {
     law: FrictionLaw,
     /// Points that carried pressure pull as well as push, and no others act: for predictions.
     bilateral: bool,
-    /// When the last point that touched in this increment would have met the indenter, had the pad stood
-    /// still, as a part of the way.
+    /// When the last point that touched in this press would have met the indenter, had the pad stood still, as a
+    /// part of the way; 1 on a slide.
     latest: f64,
     plane: usize,
     cx: usize,
@@ -211,7 +212,7 @@ impl Contacts {
             area: grid.hx * grid.hy / (per_axis * per_axis) as f64,
             stiffness,
             tangential: stiffness
-                * if friction == Friction::Infinite { super::tune("SS", STICK_SOFTNESS) } else { SLIP_SOFTNESS },
+                * if friction == Friction::Infinite { STICK_SOFTNESS } else { SLIP_SOFTNESS },
             law: FrictionLaw { friction, strength },
             bilateral: false,
             latest: 0.0,
@@ -404,7 +405,8 @@ impl Contacts {
     /// Begins an increment from one pose to another: finds where free points would meet the indenter.
     pub fn begin_increment(&mut self, indenter: &dyn Indenter, from: &Pose, to: &Pose, u: &[f32]) {
         let [hx, hy] = indenter.half_extent_mm();
-        self.latest = 0.0;
+        let along = (to.x_mm - from.x_mm).hypot(to.y_mm - from.y_mm);
+        self.latest = if from.z_mm - to.z_mm > along { 0.0 } else { 1.0 };
         let mut samples = std::mem::take(&mut self.samples);
         for s in &mut samples {
             s.old_u = self.value(u, s.cell, s.sub);
@@ -445,9 +447,10 @@ impl Contacts {
     pub fn update(&mut self, indenter: &dyn Indenter, poses: [&Pose; 2], u: &[f32], round: u32) -> Updated {
         let mut out = Updated::default();
         let tangent = self.has_friction();
-        let bounds_follow = self.law.friction != Friction::Infinite || round <= super::tune("BR", 3.0) as u32;
+        let bounds_follow = self.law.friction != Friction::Infinite || round <= BOUND_ROUNDS;
+        let multiplier_rounds = MULTIPLIER_ROUNDS[usize::from(self.law.friction != Friction::Infinite)];
         // A point that loses its pressure in an early round may be back in the next; later it lets go for good.
-        let revocable = round <= super::tune("MR", 3.0) as u32;
+        let revocable = round <= multiplier_rounds;
         let (mut change, mut total) = (0.0, 0.0);
         let mut samples = std::mem::take(&mut self.samples);
         let met = |s: &Sample| s.entry.filter(|_| s.pressure > 0.0).map_or(0.0, |e| e.fraction);
@@ -489,7 +492,7 @@ impl Contacts {
                     held.1 += 1;
                 }
             }
-            if round > super::tune("MR", 3.0) as u32 {
+            if round > multiplier_rounds {
                 continue;
             }
             // The multipliers become the mean traction of the points that hold, as far as the bounds allow.
@@ -518,8 +521,12 @@ impl Contacts {
         u: &[f32],
         bound: f64,
     ) -> Anchor {
-        // The last point to touch does so at the end of the way, those before it in proportion.
-        let share = |e: Entry| (e.fraction / self.latest.max(1e-9)).min(1.0).powf(LATENESS);
+        // Pressed, the face recedes: the last point to touch does so at the end of the way, those before it in
+        // proportion. Beside a sliding indenter it stands still.
+        let share = |e: Entry| match self.latest {
+            1.0 => e.fraction,
+            latest => (e.fraction / latest.max(1e-9)).min(1.0).powf(LATENESS),
+        };
         let fraction = s.entry.map_or(1.0, share);
         let now = self.value(u, s.cell, s.sub);
         let then = s.old_u + (now - s.old_u) * fraction;

@@ -179,7 +179,8 @@ fn open_basis(spans: &[f64]) -> Vec<CellBasis> {
         .map(|cell| {
             let mut basis = CellBasis::default();
             for (g, &t) in GAUSS.iter().enumerate() {
-                (basis.value[g], basis.slope[g]) = open_values(&knots, cell, knots[cell + 2] + t * spans[cell]);
+                (basis.value[g], basis.slope[g]) =
+                    open_values(&knots, cell, knots[cell + 2] + t * spans[cell]);
             }
             basis
         })

@@ -1,12 +1,12 @@
 //! The undeformed pad inverted: the preconditioner of the solver.
 //!
-//! On a torus (the pad's control lattice, closed on itself in x and y) the stiffness of the bonded layer at
-//! rest does not depend on where one stands, so sines and cosines in the plane decouple it into one small
-//! banded system through the depth for each pair of wave numbers. Displacements u_x are odd where u_z is
-//! even, so with the partner waves exchanged (sin for cos, -cos for sin) each system is real and symmetric:
-//! the classic treatment of layered media. At these sizes (tens to a hundred wave numbers) a dense matrix
-//! is the fastest transform. The free sides of the pad, which the torus does not have, are met by scaling
-//! the outermost control points with the square root of the support they lose.
+//! A rectangular layer whose sides are held as Navier held the edges of a plate, displacements along a side zero and
+//! the one across it free, is decoupled by sines and cosines in the plane: u_z and u_y run as sines along x, u_x as
+//! cosines (the partners), and likewise along y. One small banded system through the depth is left for each pair of
+//! wave numbers, real and symmetric. At these sizes (tens to a hundred wave numbers) a dense matrix is the fastest
+//! transform. The pad's own sides are free. They differ in shear alone, which is soft: the stress across such a side is
+//! zero as it is across a free one, so that a nearly incompressible pad can give way to all sides as it should. (On a
+//! torus it cannot, and the iterations grow with lambda over mu: at nu 0.45 three times, at 0.49 beyond count.)
 //!
 //! Contact springs enter by the Woodbury formula, see `springs`.
 
@@ -21,7 +21,7 @@ const BAND: usize = 8;
 /// Most unknowns of a mode's system.
 const MOST_ROWS: usize = 192;
 
-/// The inverse of the rest-state operator on the torus.
+/// The inverse of the rest-state operator, its sides held along themselves.
 #[derive(Debug)]
 pub struct RestLayer {
     cx: usize,
@@ -35,12 +35,13 @@ pub struct RestLayer {
     factors: Vec<f32>,
 }
 
-/// Orthonormal real waves on n points and their partners, with padded rows: `[odd][transposed]`.
+/// Orthonormal sines on n points, half a step from the ends of the period, and the cosines that are their partners, with
+/// padded rows.
 #[derive(Debug)]
 struct Waves {
     n: usize,
     stride: usize,
-    /// `forward[odd]`: mode rows over point columns; `back[odd]`: point rows over mode columns.
+    /// `forward[partner]`: mode rows over point columns; `back[partner]`: point rows over mode columns.
     forward: [Vec<f32>; 2],
     back: [Vec<f32>; 2],
 }
@@ -77,7 +78,7 @@ impl Waves {
         }
     }
 
-    /// Symbols of a mode's waves: of the even ones, and of their partners.
+    /// Symbols of a mode's sines, and of their partners.
     fn symbols(&self, basis: &CellBasis, h: f64, m: usize) -> [[Symbol; 2]; 2] {
         let theta = PI * (m + 1) as f64 / self.n as f64;
         let even = symbols(basis, h, theta);

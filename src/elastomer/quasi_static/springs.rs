@@ -1,17 +1,17 @@
 //! Contact springs in the preconditioner, by the Woodbury formula.
 //!
 //! Springs at the face add a matrix of low rank B E B^T to the rest state C. The inverse of the sum is
-//! C^-1 - C^-1 B (E^-1 + B^T C^-1 B)^-1 B^T C^-1, and on the torus B^T C^-1 B depends on the distance
-//! of two cells alone: a table. Springs are gathered by cell (or by blocks of cells when the contact is
+//! C^-1 - C^-1 B (E^-1 + B^T C^-1 B)^-1 B^T C^-1, and B^T C^-1 B depends on the distance of two cells and on those
+//! of their images in the sides alone: a table. Springs are gathered by cell (or by blocks of cells when the contact is
 //! large), which is enough for a preconditioner.
 
 use super::cholesky::Cholesky;
 use super::contact::Contacts;
 use super::grid::Grid;
 use super::layer::RestLayer;
-use std::f64::consts::PI;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
+use std::f64::consts::PI;
 
 /// Above this many springs, cells are gathered in blocks: on an ordinary grid, and on a fine one, whose
 /// passes cost more than a larger factor does.
@@ -129,9 +129,8 @@ struct Group {
 impl Group {
     /// Whether the springs of another are so near to these that those of the system may stay.
     fn is_like(&self, other: &Self) -> bool {
-        let near = |(v, e): &(DVec3, f64), (w, f): &(DVec3, f64)| {
-            v.dot(*w) > 0.98 && (0.7..1.4).contains(&(e / f))
-        };
+        let near =
+            |(v, e): &(DVec3, f64), (w, f): &(DVec3, f64)| v.dot(*w) > 0.98 && (0.7..1.4).contains(&(e / f));
         self.cells == other.cells
             && self.along.len() == other.along.len()
             && self.along.iter().zip(&other.along).all(|(a, b)| near(a, b))
@@ -205,7 +204,8 @@ impl Springs {
                     for d in 0..3 {
                         for b in 0..3 {
                             let row = &self.face[d * n + (j + b) * cx + i..][..3];
-                            let along = MIDDLE[0] * f64::from(row[0] + row[2]) + MIDDLE[1] * f64::from(row[1]);
+                            let along =
+                                MIDDLE[0] * f64::from(row[0] + row[2]) + MIDDLE[1] * f64::from(row[1]);
                             mean[d] += MIDDLE[b] * along;
                         }
                     }
@@ -287,4 +287,52 @@ fn times(k: &[f64; 6], d: DVec3) -> DVec3 {
         k[3] * d.x + k[1] * d.y + k[5] * d.z,
         k[4] * d.x + k[5] * d.y + k[2] * d.z,
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Mean displacement of a cell for a unit force along `c` on another, through the layer itself.
+    fn solved(grid: &Grid, layer: &RestLayer, at: [usize; 2], from: [usize; 2], c: usize) -> DVec3 {
+        let (cx, n) = (grid.cx(), grid.plane());
+        let over = |cell: [usize; 2], visit: &mut dyn FnMut(usize, f64)| {
+            for b in 0..3 {
+                for a in 0..3 {
+                    visit((cell[1] + b) * cx + cell[0] + a, MIDDLE[a] * MIDDLE[b]);
+                }
+            }
+        };
+        let (mut load, mut face) = (vec![0.0; 3 * n], vec![0.0; 3 * n]);
+        over(from, &mut |at, weight| load[c * n + at] = -weight as f32);
+        let mut waves = vec![0.0; layer.waves_len()];
+        layer.subtract_face_load(&load, &mut waves, &mut Vec::new());
+        layer.face(&waves, &mut face);
+        let mut out = DVec3::ZERO;
+        for d in 0..3 {
+            over(at, &mut |at, weight| out[d] += weight * f64::from(face[d * n + at]));
+        }
+        out
+    }
+
+    #[test]
+    fn the_response_by_images_is_the_response_of_the_layer_also_beside_its_sides() {
+        let grid = Grid::new([20.0, 14.0, 4.0], 1.2, 0.8, 1.25);
+        let layer = RestLayer::new(&grid, 0.05, 0.45);
+        let green = FaceGreen::new(&grid, &layer);
+        let cells = [[0, 0], [3, 1], [8, 5], [15, 10], [14, 0]];
+        for at in cells {
+            for from in cells {
+                let response = green.response(at, from);
+                for c in 0..3 {
+                    let truth = solved(&grid, &layer, at, from, c);
+                    let error = (response.col(c) - truth).length();
+                    assert!(
+                        error < 1e-4 * solved(&grid, &layer, from, from, c).length(),
+                        "{at:?} {from:?} {c}"
+                    );
+                }
+            }
+        }
+    }
 }
