@@ -31,11 +31,6 @@ impl Cholesky {
         (&mut self.a, self.stride)
     }
 
-    /// Unknowns.
-    pub fn len(&self) -> usize {
-        self.n
-    }
-
     /// Factors what was filled in after [`Self::prepare`].
     pub fn factor(&mut self) {
         self.panel.resize(BLOCK * self.stride, 0.0);

@@ -36,7 +36,7 @@ impl Resolution {
         let mut all = vec![*self];
         let mut blocks = (size[0] / self.cell_mm / 16.0).round() as usize;
         while blocks > 1 {
-            blocks /= 2;
+            blocks = blocks.div_ceil(2);
             let cell_mm = size[0] / (16 * blocks) as f64;
             all.insert(0, Self { cell_mm, residual: 1e-2, violation_mm: 3e-3, ..*self });
         }
