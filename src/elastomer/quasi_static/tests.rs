@@ -1,9 +1,9 @@
 //! Physics of the quasi-static solver against other people's numbers.
 
-use super::*;
 use super::grid::Grid;
 use super::layer::RestLayer;
 use super::operator::Operator;
+use super::*;
 use crate::elastomer::{ContactForces, Law, Material};
 use glam::DVec3;
 
