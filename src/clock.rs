@@ -89,14 +89,16 @@ impl Clock {
     }
 }
 
-/// What the time of a session goes into. The first three cannot be saved; the others are overhead.
+/// What the time of a session goes into. The first four cannot be saved; the others are overhead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Part {
-    /// Motion, as long as its feed and acceleration make it; and homing.
+    /// Motion, as long as its feed and acceleration make it.
     Motion,
+    /// The search for references, as long as the device takes for it.
+    Homing,
     /// Until vibrations have died.
     Settle,
-    /// Frames of which captures and touch-off are made, while the shutter is open.
+    /// Frames of which captures and touch-off are made, while somebody waits and the shutter is open.
     Exposure,
     /// From a move's acceptance to the news of its end, beyond the motion.
     EndOfMotion,

@@ -64,13 +64,26 @@ impl Pose {
 
 impl std::fmt::Display for Pose {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "x {:.3} y {:.3} z {:.3} mm, {:.2} deg", self.x_mm, self.y_mm, self.z_mm, self.theta_deg)
+        // What rounds to nothing has no sign.
+        let [x, y, z] = [self.x_mm, self.y_mm, self.z_mm].map(|mm| (mm * 1e3).round() / 1e3 + 0.0);
+        let theta = (self.theta_deg * 1e2).round() / 1e2 + 0.0;
+        write!(f, "x {x:.3} y {y:.3} z {z:.3} mm, {theta:.2} deg")
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_rounds_to_nothing_is_written_without_a_sign() {
+        let pose = Pose::new(-1e-5, -0.0, -0.0004, -0.004);
+        assert_eq!(pose.to_string(), "x 0.000 y 0.000 z 0.000 mm, 0.00 deg");
+        assert_eq!(
+            Pose::new(-0.0006, 1.0, -2.0, -45.0).to_string(),
+            "x -0.001 y 1.000 z -2.000 mm, -45.00 deg"
+        );
+    }
 
     #[test]
     fn frames_are_inverse_and_positive_rotation_is_clockwise_in_the_image() {

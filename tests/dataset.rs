@@ -232,6 +232,28 @@ fn a_damaged_file_is_found_and_done_again() {
 }
 
 #[test]
+fn what_no_journal_knows_is_found_among_the_data() {
+    let trajectory = trajectory();
+    let folder = tempfile::tempdir().expect("a folder");
+    let root = folder.path().join("set");
+    collect(&Dataset::create(&root, provenance(&trajectory), &trajectory).expect("creates")).expect("stores");
+    for stray in ["data/train/real/000099.png", "data/test/thumbs.db"] {
+        std::fs::write(root.join(stray), b"?").expect("writes");
+    }
+    let found = dataset::verify::verify(&root).expect("opens").findings;
+    let paths: Vec<&str> = found.iter().map(|f| f.path.as_str()).collect();
+    assert_eq!(paths, ["data/test/thumbs.db", "data/train/real/000099.png"]);
+
+    // A shorter plan does not have the captures that were made for a longer one.
+    let mut lines = std::fs::read_to_string(root.join("journal/real.ndjson")).expect("journal");
+    std::fs::remove_file(root.join("data/test/thumbs.db")).expect("removes");
+    lines = lines.replace("\"capture\":3", "\"capture\":7");
+    std::fs::write(root.join("journal/real.ndjson"), lines).expect("writes");
+    let found = dataset::verify::verify(&root).expect("opens").findings;
+    assert!(found.iter().any(|f| f.problem.contains("tells of captures 7")), "{found:?}");
+}
+
+#[test]
 fn another_plan_or_a_second_writer_is_refused() {
     let trajectory = trajectory();
     let asked = provenance(&trajectory);

@@ -136,8 +136,16 @@ pub async fn bench(setup: &Setup, options: &BenchOptions, stop: StopSwitch) -> R
         true => Box::new(AbsentCamera::default()),
         false => camera(rig, setup.sensor.as_ref().map(|s| &s.optics), world.as_ref(), clock).await?,
     };
-    let bench =
-        Bench { movers, map: rig.motion.clone(), camera, clock, stop, reached: None, rested_at: None };
+    let bench = Bench {
+        movers,
+        map: rig.motion.clone(),
+        camera,
+        clock,
+        stop,
+        reached: None,
+        rested_at: None,
+        settled_at: None,
+    };
     Ok(Assembled { bench, world, _emulators: emulators })
 }
 

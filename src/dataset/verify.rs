@@ -115,7 +115,32 @@ pub fn verify(root: &Path) -> Result<Verification, Error> {
         }
     }
 
-    let (real, sim) = (dataset.done_real().len(), dataset.done_sim().len());
+    // Nothing lies among the data that no journal knows, but what a run that was cut off had begun; and no
+    // journal tells of captures that the plan does not have.
+    let (done_real, done_sim) = (dataset.done_real(), dataset.done_sim());
+    let captures = dataset.trajectory().captures.len() as u32;
+    for path in files_below(root, Path::new("data")) {
+        let is_table = path.ends_with("metadata.parquet");
+        let begun = capture_of(&path).is_some_and(|(side, capture)| {
+            let done = if side == "real" { &done_real } else { &done_sim };
+            capture < captures && !done.contains(&capture)
+        });
+        if !is_table && !begun && !in_journals.contains(path.as_str()) {
+            let why = "is in no journal, so load_dataset may take it for data; move it out of data/";
+            findings.push(finding(&path, why.into()));
+        }
+    }
+    for (journal, done) in [("journal/real.ndjson", &done_real), ("journal/sim.ndjson", &done_sim)] {
+        let beyond: Vec<String> = done.range(captures..).map(u32::to_string).collect();
+        if !beyond.is_empty() {
+            let (list, last) = (beyond.join(", "), captures.saturating_sub(1));
+            let why =
+                format!("tells of captures {list}, but the plan ends at {last}; it belongs to another plan");
+            findings.push(finding(journal, why));
+        }
+    }
+
+    let (real, sim) = (done_real.len(), done_sim.len());
     Ok(Verification {
         captures: dataset.trajectory().captures.len(),
         real,
@@ -124,6 +149,28 @@ pub fn verify(root: &Path) -> Result<Verification, Error> {
         files,
         findings,
     })
+}
+
+/// Side and capture that a file below `data/` is named after.
+fn capture_of(path: &str) -> Option<(&str, u32)> {
+    let mut words = path.rsplit('/');
+    let (file, side) = (words.next()?, words.next()?);
+    let capture = file.split('.').next()?.parse().ok()?;
+    ["real", "sim", "depth", "contact"].contains(&side).then_some((side, capture))
+}
+
+/// All files below a folder of a dataset, by their path in it, in order.
+fn files_below(root: &Path, folder: &Path) -> Vec<String> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(root.join(folder)).into_iter().flatten().flatten() {
+        let path = folder.join(entry.file_name());
+        match entry.file_type().is_ok_and(|t| t.is_dir()) {
+            true => found.extend(files_below(root, &path)),
+            false => found.push(path.to_string_lossy().replace('\\', "/")),
+        }
+    }
+    found.sort();
+    found
 }
 
 fn finding(path: &str, problem: String) -> Finding {

@@ -352,7 +352,7 @@ mod tests {
         let mut log = ByteLog::create(&path).unwrap();
         let inputs = [
             Input::Request(Request::Move { targets: vec![(0, 0.1 + 0.2)], feed: 5.0, jog: false }),
-            Input::Request(Request::Settle { stall: std::time::Duration::from_millis(3000) }),
+            Input::Request(Request::Settle { stall: std::time::Duration::from_millis(3000), expected: None }),
             Input::Request(Request::Run(crate::protocol::Which::Recover("limit".to_owned()))),
             Input::Live,
             Input::Wake,

@@ -51,6 +51,8 @@ pub struct Telemetry {
     pub state: Option<crate::protocol::spec::MotionState>,
     /// Positions in the order of the axes.
     pub positions: Vec<Option<Reading>>,
+    /// When the device first said that its last motion had ended ([`Engine::rested_at`]).
+    pub rested_at: Option<Timestamp>,
     /// How often trust in the positions was lost.
     pub trust_losses: u64,
     /// Why it was lost last.
@@ -430,6 +432,7 @@ impl LinkTask {
     fn publish(&mut self) {
         self.known.state = self.engine.state();
         self.known.positions = self.engine.positions();
+        self.known.rested_at = self.engine.rested_at();
         self.known.banner = self.engine.banner().map(str::to_owned);
         self.known.strange = self.engine.strange().map(str::to_owned);
         self.known.stops = self.stops_seen;

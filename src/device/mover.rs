@@ -264,9 +264,7 @@ impl Mover {
         self.homed.begin();
         self.resting = None;
         self.link.set_homing(true);
-        let begun = self.clock.now();
         let result = self.search_reference().await;
-        spent(Part::Motion, self.clock.now().since(begun));
         self.link.set_homing(false);
         let losses = self.link.telemetry().trust_losses;
         self.homed.end(result.is_ok().then_some(losses));
@@ -279,9 +277,16 @@ impl Mover {
             tracing::info!("recovering from an alarm by [recover.{name}]");
             self.call(Request::Run(Which::Recover(name))).await?;
         }
+        let begun = self.clock.now();
         self.call(Request::Run(Which::Home)).await?;
-        self.call(Request::Settle { stall: Duration::from_millis(self.settings.stall_ms) }).await?;
+        let homed = self.clock.now();
+        let stall = Duration::from_millis(self.settings.stall_ms);
+        self.call(Request::Settle { stall, expected: Some(Duration::ZERO) }).await?;
+        let ended = self.clock.now();
         self.read_positions().await?;
+        spent(Part::Homing, homed.since(begun));
+        spent(Part::EndOfMotion, ended.since(homed));
+        spent(Part::Position, self.clock.now().since(ended));
         Ok(())
     }
 
@@ -313,6 +318,11 @@ impl Mover {
 
     async fn read_positions(&mut self) -> Result<Vec<Measured>, MoverError> {
         self.call(Request::Position).await?;
+        self.told_positions()
+    }
+
+    /// The positions as they were told last.
+    fn told_positions(&self) -> Result<Vec<Measured>, MoverError> {
         let telemetry = self.link.telemetry();
         let mut all = Vec::new();
         for (axis, reading) in self.names.iter().zip(&telemetry.positions) {

@@ -424,7 +424,7 @@ fn describe(request: &Request, engine: &Engine) -> String {
             let targets: Vec<String> = targets.iter().map(|(i, t)| format!("{} to {t}", name(*i))).collect();
             format!("{} {} at {feed}/s", if *jog { "jog" } else { "move" }, targets.join(", "))
         }
-        Request::Settle { stall } => format!("wait for the end of motion (stall {stall:?})"),
+        Request::Settle { stall, .. } => format!("wait for the end of motion (stall {stall:?})"),
         Request::Position => "position".to_owned(),
         Request::Run(which) => format!("run {which:?}").to_lowercase(),
     }

@@ -202,10 +202,18 @@ pub fn show(bytes: &[u8]) -> String {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use std::collections::BTreeMap;
     use std::path::Path;
+    use std::sync::{Mutex, PoisonError};
 
-    /// A shipped protocol.
+    /// A shipped protocol. Each is read once: its patterns take longer to compile than a session with its emulator.
     pub(crate) fn shipped(name: &str) -> Arc<Spec> {
+        static READ: Mutex<BTreeMap<String, Arc<Spec>>> = Mutex::new(BTreeMap::new());
+        let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
+        read.entry(name.to_owned()).or_insert_with(|| parse(name)).clone()
+    }
+
+    fn parse(name: &str) -> Arc<Spec> {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("firmware_protocols/{name}.toml"));
         let text = std::fs::read_to_string(&path).expect("shipped protocol files are readable");
         Arc::new(Spec::parse(name, &text).unwrap_or_else(|e| panic!("{e}")))

@@ -47,7 +47,7 @@ pub fn opening(facts: &Facts) -> String {
         escape(&p.plan),
         escape(&p.rig),
         escape(&p.sensor),
-        escape(&p.created_utc),
+        escape(&to_the_second(&p.created_utc)),
         if kinds.is_empty() { "Nothing was captured".into() } else { kinds.join(", ") },
         indenters.len(),
         if indenters.len() == 1 { "" } else { "s" },
@@ -274,4 +274,13 @@ pub fn provenance(facts: &Facts) -> String {
         );
     }
     section("Settings and provenance", &text)
+}
+/// A time of RFC 3339 without its fractions of a second.
+fn to_the_second(time: &str) -> String {
+    match time.split_once('.') {
+        Some((seconds, rest)) => {
+            format!("{seconds}{}", rest.trim_start_matches(|c: char| c.is_ascii_digit()))
+        }
+        None => time.to_owned(),
+    }
 }

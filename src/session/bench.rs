@@ -14,6 +14,8 @@ use crate::image;
 use crate::motion::{AxisLimits, AxisRole, Coordinate, PoseMap};
 use crate::pose::Pose;
 use std::collections::BTreeMap;
+use std::future::poll_fn;
+use std::task::Poll;
 use std::time::Duration;
 
 /// Movers, camera, and how they make a pose.
@@ -32,6 +34,19 @@ pub struct Bench {
     pub reached: Option<Pose>,
     /// When the last motion had ended, before settling.
     pub rested_at: Option<Timestamp>,
+    /// When it had settled, until that has been looked at, or something else than a mover may have changed the picture.
+    pub settled_at: Option<Timestamp>,
+}
+
+/// A picture of a bench at rest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StillFrame {
+    /// The frame.
+    pub frame: Frame,
+    /// What it and the one before it differ by, code values.
+    pub rms: f64,
+    /// Since when everything had settled; the exposure began after that.
+    pub settled_at: Timestamp,
 }
 
 /// How fast to go.
@@ -107,6 +122,7 @@ impl Bench {
 
     /// References all axes, the pressing one first: homing lifts it away from the sensor.
     pub async fn home(&mut self) -> Result<(), BenchError> {
+        self.forget_rest();
         let press = self.map.z.device.clone();
         let rest: Vec<_> = self.movers.keys().filter(|name| **name != press).cloned().collect();
         for name in std::iter::once(press).chain(rest) {
@@ -147,12 +163,12 @@ impl Bench {
     /// Where the devices say the indenter is, with every axis asked.
     pub async fn measured(&mut self) -> Result<(Pose, Vec<(String, String, f64)>), BenchError> {
         let asked = self.clock.now();
-        let mut positions = Vec::new();
-        for (name, mover) in &mut self.movers {
-            for reading in mover.position().await.map_err(of_device(name))? {
-                positions.push((name.clone(), reading.axis, reading.position));
-            }
-        }
+        let asking = self.movers.iter_mut().map(|(name, mover)| async move {
+            let readings = mover.position().await.map_err(of_device(name))?;
+            Ok(readings.into_iter().map(|r| (name.clone(), r.axis, r.position)).collect::<Vec<_>>())
+        });
+        let told: Result<Vec<_>, BenchError> = all(asking).await.into_iter().collect();
+        let positions = told?.concat();
         spent(Part::Position, self.clock.now().since(asked));
         let find = |device: &str, axis: &str| {
             positions.iter().find(|(d, a, _)| d == device && a == axis).map_or(f64::NAN, |(_, _, p)| *p)
@@ -259,7 +275,7 @@ impl Bench {
             return Ok(());
         }
         let target = [(role.axis.as_str(), role.to_axis(z_mm))];
-        mover.move_to(&target, mm_s).await.map(drop).map_err(of_device(&role.device))
+        self.move_device(&role.device, &target, mm_s).await
     }
 
     /// Waits until the stop of every device has come to its end: decelerated, held, acknowledged.
@@ -313,33 +329,55 @@ impl Bench {
         for (device, targets) in by_device {
             self.check_stop()?;
             let targets: Vec<_> = targets.iter().map(|(role, t)| (role.axis.as_str(), *t)).collect();
-            let reached = self.mover(&device).move_to(&targets, feed).await.map_err(of_device(&device))?;
-            self.rested_at = Some(reached.rested_at);
+            self.move_device(&device, &targets, feed).await?;
         }
         Ok(())
     }
 
-    /// A frame exposed after now that agrees with one before it, and how much the two differ. The one before may
-    /// have been exposed while the bench settled: what was still then and still looks the same is still.
+    /// One move of one device; notes since when all is at rest.
+    async fn move_device(
+        &mut self,
+        device: &str,
+        targets: &[(&str, f64)],
+        feed: f64,
+    ) -> Result<(), BenchError> {
+        self.forget_rest();
+        let reached = self.mover(device).move_to(targets, feed).await.map_err(of_device(device))?;
+        (self.rested_at, self.settled_at) = (Some(reached.rested_at), Some(reached.settled_at));
+        Ok(())
+    }
+
+    /// From now on nobody knows since when the picture is at rest: something moves, or somebody's hands do.
+    pub fn forget_rest(&mut self) {
+        (self.rested_at, self.settled_at) = (None, None);
+    }
+
+    /// A frame exposed after everything has settled that agrees with one before it, how much the two differ, and since
+    /// when all had settled: since the end of the last move's settling where nothing was looked at since, else since
+    /// now. The one before may have been exposed while the bench settled: what was still then and still looks the
+    /// same is still.
     pub async fn still_frame(
         &mut self,
         allowed_rms: f64,
         within: Duration,
-    ) -> Result<(Frame, f64), BenchError> {
+    ) -> Result<StillFrame, BenchError> {
         let begun = self.clock.now();
+        let settled_at = self.settled_at.take().map_or(begun, |at| at.min(begun));
         let mut before = self.frame_since(self.rested_at.map_or(begun, |at| at.min(begun)), within).await?;
+        let mut fresh_from = settled_at;
         loop {
             self.check_stop()?;
-            let next = self.fresh_frame(within).await?;
-            let rms = rms_difference(&before, &next);
+            let frame = self.frame_since(fresh_from, within).await?;
+            let rms = rms_difference(&before, &frame);
             if rms <= allowed_rms {
-                return Ok((next, rms));
+                return Ok(StillFrame { frame, rms, settled_at });
             }
             let waited = self.clock.now().since(begun);
             if waited >= within {
                 return Err(BenchError::NotStill { rms, allowed: allowed_rms, waited });
             }
-            before = next;
+            before = frame;
+            fresh_from = self.clock.now();
         }
     }
 
@@ -350,13 +388,15 @@ impl Bench {
 
     /// The next frame exposed at `t` or later.
     async fn frame_since(&mut self, t: Timestamp, within: Duration) -> Result<Frame, BenchError> {
-        let now = self.clock.now();
+        let asked = self.clock.now();
         tokio::select! {
             frame = self.camera.frame_after(t, within) => {
-                let (frame, took) = (frame?, self.clock.now().since(now));
-                let exposure = frame.stamp.exposure.unwrap_or_default().min(took);
+                let (frame, now) = (frame?, self.clock.now());
+                // Of an exposure counts what was waited for: the rest had passed while the bench settled.
+                let (opened, lasted) = (frame.stamp.exposed_at, frame.stamp.exposure.unwrap_or_default());
+                let exposure = opened.after(lasted).min(now).since(opened.max(asked));
                 spent(Part::Exposure, exposure);
-                spent(Part::Frame, took - exposure);
+                spent(Part::Frame, now.since(asked).saturating_sub(exposure));
                 Ok(frame)
             }
             () = self.stop.raised_to(StopLevel::Controlled) => Err(BenchError::Stopped),
@@ -371,6 +411,23 @@ impl Bench {
     pub fn check_stop(&self) -> Result<(), BenchError> {
         if self.stop.is_raised() { Err(BenchError::Stopped) } else { Ok(()) }
     }
+}
+
+/// Waits for all of some futures at once, answers in their order.
+async fn all<F: Future>(futures: impl Iterator<Item = F>) -> Vec<F::Output> {
+    let mut pending: Vec<_> = futures.map(|future| (Box::pin(future), None)).collect();
+    poll_fn(|context| {
+        for (future, answer) in pending.iter_mut().filter(|(_, answer)| answer.is_none()) {
+            if let Poll::Ready(ready) = future.as_mut().poll(context) {
+                *answer = Some(ready);
+            }
+        }
+        match pending.iter().all(|(_, answer)| answer.is_some()) {
+            true => Poll::Ready(pending.iter_mut().filter_map(|(_, answer)| answer.take()).collect()),
+            false => Poll::Pending,
+        }
+    })
+    .await
 }
 
 /// Says whose error it is.

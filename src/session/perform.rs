@@ -1,6 +1,6 @@
 //! The loop: from homing to the last retract.
 
-use super::bench::{Bench, BenchError, Feeds, rms_difference};
+use super::bench::{Bench, BenchError, Feeds, StillFrame, rms_difference};
 use super::event::{Event, RealCapture};
 use super::stop::StopLevel;
 use super::touch_off::{TouchOffError, TouchOffSettings, find_contact};
@@ -176,6 +176,7 @@ impl Session<'_> {
             if changed {
                 self.lift().await?;
                 self.ask_to_mount(&episode.indenter).await?;
+                self.bench.forget_rest();
                 if mounted.is_some() {
                     // No two mountings are equally high.
                     self.contact_zero_mm.remove(&episode.indenter);
@@ -227,7 +228,8 @@ impl Session<'_> {
         backgrounds: &mut Backgrounds,
     ) -> Result<(), SessionError> {
         self.lift().await?;
-        let (frame, _) = self.bench.still_frame(self.settings.still_rms, self.settings.frame_within).await?;
+        let still = self.bench.still_frame(self.settings.still_rms, self.settings.frame_within).await?;
+        let frame = still.frame;
         let first = backgrounds.first.get_or_insert_with(|| frame.clone());
         backgrounds.drift_rms = rms_difference(first, &frame);
         backgrounds.last = Some(frame.clone());
@@ -268,8 +270,7 @@ impl Session<'_> {
         zero_mm: f64,
         backgrounds: &Backgrounds,
     ) -> Result<(), SessionError> {
-        let settled_at = self.bench.clock.now();
-        let (frame, still_rms) =
+        let StillFrame { frame, rms: still_rms, settled_at } =
             self.bench.still_frame(self.settings.still_rms, self.settings.frame_within).await?;
         let settle = frame.stamp.exposed_at.since(settled_at);
         let (mut measured, mut positions) = self.measured(zero_mm).await?;

@@ -142,7 +142,7 @@ struct Search<'a> {
 impl Search<'_> {
     /// A still frame and how much it differs from the background.
     async fn look(&self, bench: &mut Bench) -> Result<(Frame, f64), TouchOffError> {
-        let (frame, _) = bench.still_frame(self.still_rms, STILL_WITHIN).await?;
+        let frame = bench.still_frame(self.still_rms, STILL_WITHIN).await?.frame;
         let change = largest_block_change(self.background, &frame);
         Ok((frame, change))
     }

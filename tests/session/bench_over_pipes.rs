@@ -181,6 +181,7 @@ impl TestBench {
             stop,
             reached: None,
             rested_at: None,
+            settled_at: None,
         };
         let (answer, mounts, struck_at) = (Some(true), true, Arc::default());
         Ok(TestBench {

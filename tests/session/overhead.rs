@@ -40,7 +40,7 @@ impl<S: tracing::Subscriber> Layer<S> for Ledger {
             event.record(&mut entry);
             let mut sums = self.sums.lock().unwrap();
             sums.1 += entry.1;
-            if ["Motion", "Settle", "Exposure"].contains(&entry.0.as_str()) {
+            if ["Motion", "Homing", "Settle", "Exposure"].contains(&entry.0.as_str()) {
                 sums.0 += entry.1;
             }
         }

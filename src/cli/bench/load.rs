@@ -1,17 +1,18 @@
-//! The load of a session: the twin at work on every core.
+//! The load of a session: the twin's side of a collection, on every core and onto the disk. One collection does not keep
+//! all cores busy all the time, so there are as many as cores.
 
+use crate::assemble;
+use crate::collection::Collection;
 use crate::config::Setup;
-use crate::twin::branches::grow;
-use crate::twin::{Outcome, Twin, Walk};
-use std::collections::BTreeSet;
+use crate::dataset::Dataset;
+use crate::session::{StopLevel, StopSwitch};
+use crate::twin::Twin;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 
-/// A twin that simulates and renders a plan over and over until this is dropped.
+/// Collections that simulate, render and store a plan over and over until this is dropped.
 pub(super) struct Load {
-    cancel: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    stop: StopSwitch,
 }
 
 /// Why there is none.
@@ -20,56 +21,48 @@ pub(super) enum LoadError {
     #[error("a load needs a plan to simulate")]
     NoPlan,
     #[error(transparent)]
-    Twin(#[from] crate::assemble::TwinError),
-    #[error("the thread of the load cannot be started: {0}")]
-    Thread(#[from] std::io::Error),
+    Twin(#[from] assemble::TwinError),
+    #[error(transparent)]
+    Provenance(#[from] assemble::ProvenanceError),
 }
 
 impl Load {
-    /// Begins to simulate the plan of a setup, as a collection does.
-    pub(super) fn start(setup: &Setup) -> Result<Load, LoadError> {
+    /// Begins to collect the simulated side of a setup's plan, in folders below `scratch` that are thrown away.
+    pub(super) fn start(setup: &Setup, scratch: &Path) -> Result<Load, LoadError> {
         let plan = setup.plan.as_ref().ok_or(LoadError::NoPlan)?;
-        let trajectory = plan.trajectory.clone();
-        let twin = crate::assemble::twin(setup)?;
-        let cancel = Arc::new(AtomicBool::new(false));
-        let cancelled = cancel.clone();
-        let work = move || {
-            let wanted: BTreeSet<u32> = (0..trajectory.captures.len() as u32).collect();
-            let roots = grow(&trajectory, &wanted, |i| trajectory.waypoints[i].pose);
-            let Twin { pool, .. } = &twin;
-            pool.install(|| {
-                let wear = match twin.wear(None) {
-                    Ok(wear) => wear,
-                    Err(e) => return tracing::warn!("there is no load: {e}"),
-                };
-                while !cancelled.load(Ordering::Relaxed) {
-                    let mut emit = |outcome: Outcome| {
-                        if let Outcome::Deformed(deformed) = outcome
-                            && let Err(e) = twin.picture(&deformed.pad, &wear, deformed.captures[0])
-                        {
-                            tracing::warn!("the load renders nothing: {e}");
-                        }
-                        !cancelled.load(Ordering::Relaxed)
+        // Not the switch of the session that is stopped: this load goes on while that is measured.
+        let stop = StopSwitch::new();
+        for core in 0..std::thread::available_parallelism().map_or(1, usize::from) {
+            let (twin, provenance) = (Arc::new(assemble::twin(setup)?), assemble::provenance(setup)?);
+            let (trajectory, folder) = (plan.trajectory.clone(), scratch.join(format!("load-{core}")));
+            let until = stop.clone();
+            tokio::spawn(async move {
+                while !until.is_raised() {
+                    let dataset = match Dataset::create(&folder, provenance.clone(), &trajectory) {
+                        Ok(dataset) => Arc::new(dataset),
+                        Err(e) => return tracing::error!("there is no load: {e}"),
                     };
-                    let lattice = twin.lattice_for_pictures();
-                    Walk { model: &twin.model, lattice, cancel: &cancelled, emit: &mut emit }.run(&roots);
+                    let ended = collect(dataset, twin.clone(), until.clone()).await;
+                    let cleared = std::fs::remove_dir_all(&folder).map_err(|e| e.to_string());
+                    if let Err(e) = ended.and(cleared) {
+                        return tracing::error!("the load has ended: {e}");
+                    }
                 }
             });
-        };
-        let thread = std::thread::Builder::new().name("load".into()).spawn(work)?;
-        Ok(Load { cancel, thread: Some(thread) })
+        }
+        Ok(Load { stop })
     }
+}
+
+async fn collect(dataset: Arc<Dataset>, twin: Arc<Twin>, stop: StopSwitch) -> Result<(), String> {
+    let (progress, _watched) = tokio::sync::mpsc::unbounded_channel();
+    let collection = Collection { dataset, session: None, twin: Some(twin), stop, progress };
+    collection.run().await.map(drop).map_err(|e| e.to_string())
 }
 
 impl Drop for Load {
     fn drop(&mut self) {
-        self.cancel.store(true, Ordering::Relaxed);
-        // A step of the solver is finished first.
-        if let Some(thread) = self.thread.take()
-            && thread.join().is_err()
-        {
-            tracing::warn!("the load ended in a panic");
-        }
+        self.stop.raise(StopLevel::Controlled);
     }
 }
 
@@ -77,4 +70,24 @@ impl Drop for Load {
 pub(super) fn cpu_seconds() -> f64 {
     let ts = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
     ts.tv_sec as f64 + ts.tv_nsec as f64 * 1e-9
+}
+
+/// A folder for what nobody keeps: it goes when this is dropped.
+pub(super) struct ThrownAway(pub(super) PathBuf);
+
+impl ThrownAway {
+    /// One of this process in the system's folder for such things.
+    pub(super) fn new(purpose: &str) -> ThrownAway {
+        ThrownAway(std::env::temp_dir().join(format!("twinrig-bench-{purpose}-{}", std::process::id())))
+    }
+}
+
+impl Drop for ThrownAway {
+    fn drop(&mut self) {
+        if let Err(e) = std::fs::remove_dir_all(&self.0)
+            && e.kind() != std::io::ErrorKind::NotFound
+        {
+            crate::cli::screen::warning(format_args!("{} stays behind: {e}", self.0.display()));
+        }
+    }
 }

@@ -2,9 +2,11 @@
 //!
 //! Performs a plan on the virtual bench, whose devices move, settle and expose at their real speed, without the twin and
 //! into a dataset that is thrown away. What cannot be saved is the motion (as long as its feeds and accelerations
-//! make it; homing as it is), the settling times of the rig file and the exposures; everything else is overhead, and is
-//! told by where it went. An indenter changes hands at once.
+//! make it, and the device's own search for references), the settling times of the rig file and the exposures as far as
+//! they are waited for; everything else is overhead, and is told by where it went. An indenter changes hands at once.
+//! So that slow homing hides nothing, the overhead is also told against the needed time without it.
 
+use super::load::ThrownAway;
 use crate::assemble::{self, BenchOptions};
 use crate::cli::exit::Exit;
 use crate::cli::screen;
@@ -46,7 +48,7 @@ pub struct Args {
 const TARGET: f64 = 0.05;
 
 /// What cannot be saved.
-const BUDGET: [&str; 3] = ["Motion", "Settle", "Exposure"];
+const BUDGET: [&str; 4] = ["Motion", "Homing", "Settle", "Exposure"];
 
 /// Where the time went.
 #[derive(Debug, Serialize)]
@@ -55,6 +57,8 @@ struct Account {
     budget_s: f64,
     /// `total / budget - 1`.
     overhead: f64,
+    /// The same time against the budget without homing.
+    overhead_without_homing: f64,
     captures: usize,
     /// Seconds and occasions by part.
     parts: BTreeMap<String, (f64, u64)>,
@@ -90,7 +94,7 @@ impl Args {
                 return Exit::Failed;
             }
         };
-        let met = account.overhead <= TARGET;
+        let met = account.overhead_without_homing <= TARGET;
         if self.json {
             screen::json(&serde_json::json!({ "target": TARGET, "met": met, "account": account }));
         } else {
@@ -101,7 +105,8 @@ impl Args {
 }
 
 fn show(account: &Account, met: bool) {
-    let Account { total_s, budget_s, overhead, captures, parts, elsewhere_s } = account;
+    let Account { total_s, budget_s, overhead, overhead_without_homing, captures, parts, elsewhere_s } =
+        account;
     screen::result(format_args!(
         "{captures} captures in {total_s:.2} s; motion, settling and exposures {budget_s:.2} s"
     ));
@@ -120,17 +125,18 @@ fn show(account: &Account, met: bool) {
     ));
     let word = if met { "met" } else { "missed" };
     screen::result(format_args!(
-        "overhead {:.1} % (target {:.0} %: {word})",
+        "overhead {:.1} %, of the time without homing {:.1} % (target {:.0} %: {word})",
         100.0 * overhead,
+        100.0 * overhead_without_homing,
         100.0 * TARGET
     ));
 }
 
 async fn measure(setup: &Setup) -> Result<Account, Box<dyn std::error::Error>> {
     let plan = setup.plan.as_ref().ok_or("no plan")?;
-    let folder = std::env::temp_dir().join(format!("twinrig-bench-session-{}", std::process::id()));
-    let dataset = Arc::new(Dataset::create(&folder, assemble::provenance(setup)?, &plan.trajectory)?);
-    let thrown_away = ThrownAway(folder.clone());
+    let thrown_away = ThrownAway::new("session");
+    let folder = &thrown_away.0;
+    let dataset = Arc::new(Dataset::create(folder, assemble::provenance(setup)?, &plan.trajectory)?);
 
     let ledger = Ledger::default();
     // Only this thread's: it is the one that runs the session.
@@ -165,18 +171,17 @@ async fn measure(setup: &Setup) -> Result<Account, Box<dyn std::error::Error>> {
     };
     let budget_s = sum(true);
     let elsewhere_s = total_s - budget_s - sum(false);
-    Ok(Account { total_s, budget_s, overhead: total_s / budget_s - 1.0, captures, parts, elsewhere_s })
-}
-
-/// A folder that goes when it is dropped.
-struct ThrownAway(PathBuf);
-
-impl Drop for ThrownAway {
-    fn drop(&mut self) {
-        if let Err(e) = std::fs::remove_dir_all(&self.0) {
-            screen::warning(format_args!("{} stays behind: {e}", self.0.display()));
-        }
-    }
+    let homing_s = parts.get("Homing").map_or(0.0, |(s, _)| *s);
+    let overhead_s = total_s - budget_s;
+    Ok(Account {
+        total_s,
+        budget_s,
+        overhead: overhead_s / budget_s,
+        overhead_without_homing: overhead_s / (budget_s - homing_s),
+        captures,
+        parts,
+        elsewhere_s,
+    })
 }
 
 /// Sums what [`crate::clock::spent`] tells.

@@ -1,7 +1,8 @@
 //! `twinrig bench stop`: from a signal to the stop's bytes on every port.
 //!
 //! Two processes. The *victim* is a session as far as stopping goes: it holds three ports through the ordinary links, keeps
-//! all axes moving, and simulates and renders with every core. This process is the *witness*: it serves emulated
+//! all axes moving, and collects the simulated side of a plan beside it, once for each core: the twins simulate, render and
+//! store what they have made. This process is the *witness*: it serves emulated
 //! controllers on the far ends of the ports, sends SIGTERM at a random instant, and notes when the last
 //! byte of each port's stop has come out at the far end. So a time contains everything: the kernel's
 //! delivery of the signal, the victim's way to its ports, and the witness's own wake-up on the same busy machine.
@@ -39,6 +40,9 @@ pub struct Args {
     /// Be the process that is stopped: its ports, in the order of the devices
     #[arg(long, hide = true, value_delimiter = ',')]
     pub victim: Vec<PathBuf>,
+    /// Where the victim may write
+    #[arg(long, hide = true, default_value = ".")]
+    pub scratch: PathBuf,
 }
 
 /// What users are promised: the 99th percentile stays below this.

@@ -204,7 +204,7 @@ fn a_fault_at_any_byte_of_any_protocol_ends_true_recovered_or_refused() {
     let places = match std::env::var("TWINRIG_FAULT_BYTES").as_deref() {
         Ok("all") => u64::MAX,
         Ok(n) => n.parse().expect("TWINRIG_FAULT_BYTES is a number or `all`"),
-        Err(_) => 6,
+        Err(_) => 20,
     };
     let only = std::env::var("TWINRIG_FAULT_PROTOCOL").ok();
     let (mut sum, mut broken) = (0, Vec::new());

@@ -22,7 +22,7 @@ impl Mover {
     /// Ends a jog: decelerates, and returns the position once the device is at rest.
     pub async fn jog_cancel(&mut self) -> Result<Vec<Measured>, MoverError> {
         self.call(Request::Run(Which::JogCancel)).await?;
-        self.settle().await?;
+        self.settle(None).await?;
         let axes = self.read_positions().await?;
         Ok(self.with_tool(axes))
     }
@@ -41,7 +41,7 @@ impl Mover {
         if self.can_cancel() {
             return self.jog_cancel().await;
         }
-        self.settle().await?;
+        self.settle(None).await?;
         let axes = self.read_positions().await?;
         Ok(self.with_tool(axes))
     }

@@ -467,3 +467,55 @@ async fn pitfall_28_the_feed_of_a_move_is_the_speed_of_the_device_whatever_it_wa
         assert!((longer - ideal).abs() < 0.15 * ideal + 0.2, "{protocol}: {lasted:?}, ideal {ideal}");
     }
 }
+
+/// The torque switch of servo 1, asked for by hand.
+async fn torque_of_servo_1(b: &Bench, ask: &[u8], at: usize) -> u8 {
+    let device = b.device.clone();
+    let asked = b.clock.now();
+    with(&device, |d| d.receive(ask, asked));
+    let later = asked.after(Duration::from_millis(2));
+    let said: Vec<u8> = with(&device, |d| d.poll(later)).concat();
+    said[at]
+}
+
+#[tokio::test(start_paused = true)]
+async fn servos_that_are_stopped_hold_where_they_are_and_torque_never_makes_them_jump() {
+    // Reading one byte of the table: by hand, and (the checksum) by dynamixel-sdk.
+    let feetech: (&str, &[u8], usize) = ("feetech_sts", &[0xff, 0xff, 1, 4, 2, 40, 1, 0xcf], 5);
+    let read = [0xff, 0xff, 0xfd, 0, 1, 7, 0, 2, 64, 0, 1, 0, 0x3c, 0xdb];
+    let dynamixel: (&str, &[u8], usize) = ("dynamixel2", &read, 9);
+    for (protocol, ask, at) in [feetech, dynamixel] {
+        let mut b = homed(settings(protocol, &[("a", counted("1", 350.0, 4096.0 / 360.0))])).await;
+        b.mover.move_to(&[("a", 40.0)], 20.0).await.unwrap();
+        let (clock, stop) = (b.clock, b.mover.stop_handle());
+        let stopping = tokio::spawn(async move {
+            clock.sleep(Duration::from_millis(1000)).await;
+            stop.stop(StopKind::Controlled);
+        });
+        let stopped = b.mover.move_to(&[("a", 100.0)], 20.0).await;
+        assert!(matches!(stopped, Err(MoverError::Device(Failure::Stopped))), "{protocol}: {stopped:?}");
+        stopping.await.unwrap();
+        let rests_at = b.mover.position().await.unwrap()[0].position;
+        assert!(rests_at > 50.0 && rests_at < 65.0, "{protocol}: {rests_at}");
+        assert_eq!(torque_of_servo_1(&b, ask, at).await, 1, "{protocol} holds");
+        b.clock.sleep(Duration::from_secs(5)).await;
+        let later = b.mover.position().await.unwrap()[0].position;
+        assert!((later - rests_at).abs() < 0.2, "{protocol} went on from {rests_at} to {later}");
+        assert_eq!(b.mover.reference(), Reference::Referenced);
+
+        // At once: without torque. What a hand does then is not undone by the torque that returns.
+        let stop = b.mover.stop_handle();
+        let stopping = tokio::spawn(async move {
+            clock.sleep(Duration::from_millis(1000)).await;
+            stop.stop(StopKind::Emergency);
+        });
+        assert!(b.mover.move_to(&[("a", 100.0)], 20.0).await.is_err());
+        stopping.await.unwrap();
+        b.mover.position().await.unwrap();
+        assert_eq!(torque_of_servo_1(&b, ask, at).await, 0, "{protocol} is limp");
+        let limp_at = b.mover.position().await.unwrap()[0].position;
+        b.mover.home().await.unwrap();
+        let homed_at = b.mover.position().await.unwrap()[0].position;
+        assert!((homed_at - limp_at).abs() < 0.2, "{protocol} jumped from {limp_at} to {homed_at}");
+    }
+}

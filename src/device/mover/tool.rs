@@ -6,6 +6,11 @@
 //! measured before the next is sent, and the last one settles. A piece that would hurry a joint beyond its limit is
 //! slower instead.
 //!
+//! Why pieces do not run into each other: a servo that is given another goal in mid-move plans anew from whatever it does
+//! then, by a rule that the vendors' tables do not state, and its neighbours on the bus are told a millisecond or more
+//! later, one after the other. So neither the path between two goals nor the instant of arrival would be known, and the
+//! tip could leave its line by more than `line_mm` without anybody seeing it: what proves a piece is that it has ended.
+//!
 //! *Where the tool is* follows from the measured joints. What is compared with a target is that, not what was sent.
 //! But the next move begins where the last one was sent, where the joints are within their tolerance of it:
 //! or else what a servo rounds away would add up, move by move, in the coordinates that were to stay.
@@ -251,7 +256,7 @@ impl Mover {
         }
 
         self.forget_sent();
-        let mut reached = Reached { measured: here, rested_at: self.clock.now(), recoveries: 0 };
+        let mut reached = Reached::nowhere(here, self.clock.now());
         let last = way.len().saturating_sub(1);
         for (i, piece) in way.iter().enumerate() {
             self.still_allowed()?;

@@ -22,8 +22,17 @@ pub struct Reached {
     pub measured: Vec<Measured>,
     /// When the device had said that it is at rest: settling began.
     pub rested_at: Timestamp,
+    /// When settling had ended. That it is still where it should be was measured after that.
+    pub settled_at: Timestamp,
     /// How often something had to be recovered on the way (a lost reply).
     pub recoveries: u32,
+}
+
+impl Reached {
+    /// Where nothing was to move.
+    pub(super) fn nowhere(measured: Vec<Measured>, now: Timestamp) -> Reached {
+        Reached { measured, rested_at: now, settled_at: now, recoveries: 0 }
+    }
 }
 
 /// Readback may lag behind the report of arrival (ophyd issue 288): it is read again this often.
@@ -99,11 +108,14 @@ impl Mover {
         let here = self.resting_axes().await?;
         let places: Vec<f64> = here.iter().map(|measured| measured.position).collect();
         check_feed(&axes, &targets, feed, &places)?;
-        let mut reached = Reached { measured: here.clone(), rested_at: self.clock.now(), recoveries: 0 };
-        for leg in legs(&axes, &targets, &places) {
+        let mut reached = Reached::nowhere(here, self.clock.now());
+        let legs = legs(&axes, &targets, &places);
+        for (i, leg) in legs.iter().enumerate() {
             self.still_allowed()?;
-            let legs = self.travel(&leg, &reached.measured, feed, self.settling()).await?;
-            reached = Reached { recoveries: reached.recoveries + legs.recoveries, ..legs };
+            // Nothing is looked at where the way only turns back.
+            let settling = if i + 1 == legs.len() { self.settling() } else { Duration::ZERO };
+            let part = self.travel(leg, &reached.measured, feed, settling).await?;
+            reached = Reached { recoveries: reached.recoveries + part.recoveries, ..part };
         }
         Ok(reached)
     }
@@ -156,9 +168,17 @@ impl Mover {
             Err(failure) => return Err(self.after_failure(failure)),
         };
         let accepted = self.clock.now();
-        self.settle().await?;
-        let ended = self.clock.now();
-        let arrived = self.measure_arrival(targets).await;
+        let way = self.shortest(targets, here, feed);
+        self.settle(Some(way)).await?;
+        // While it said so again it was settling already.
+        let told = self.clock.now();
+        let ended = self.link.telemetry().rested_at.unwrap_or(told).max(accepted);
+        // Where the answers that told of the rest told where, too, that need not be asked.
+        let heard = self.told_positions().ok().filter(|all| all.iter().all(|axis| axis.at >= ended));
+        let arrived = match heard.filter(|all| self.within_tolerance(targets, all).is_ok()) {
+            Some(heard) => Ok(heard),
+            None => self.measure_arrival(targets).await,
+        };
         self.require_kept()?;
         let mut measured = match arrived {
             Ok(measured) => measured,
@@ -168,21 +188,20 @@ impl Mover {
         // The question has been answered while it settled.
         self.clock.sleep(settling.saturating_sub(self.clock.now().since(ended))).await;
         self.still_allowed()?;
-        let settled = self.clock.now();
+        let settled_at = self.clock.now();
         if !settling.is_zero() {
             measured = self.measure_arrival(targets).await?;
             self.require_kept()?;
         }
 
-        let way = self.shortest(targets, here, feed);
         spent(Part::Command, accepted.since(begun));
         spent(Part::Motion, way);
         spent(Part::EndOfMotion, ended.since(accepted).saturating_sub(way));
         spent(Part::Settle, settling);
-        spent(Part::Position, settled.since(ended).saturating_sub(settling));
-        spent(Part::Position, self.clock.now().since(settled));
+        spent(Part::Position, settled_at.since(ended).saturating_sub(settling));
+        spent(Part::Position, self.clock.now().since(settled_at));
         self.resting = Some(measured.clone());
-        Ok(Reached { measured, rested_at: ended, recoveries })
+        Ok(Reached { measured, rested_at: ended, settled_at, recoveries })
     }
 
     /// How long a straight move takes that loses no time: the slowest of its axes decides.
@@ -198,10 +217,10 @@ impl Mover {
         targets.iter().zip(&ways).map(time).max().unwrap_or_default()
     }
 
-    /// Waits for the end of motion. A device that has stalled is stopped.
-    pub(super) async fn settle(&mut self) -> Result<(), MoverError> {
+    /// Waits for the end of motion, `expected` after now where that is known. A device that has stalled is stopped.
+    pub(super) async fn settle(&mut self, expected: Option<Duration>) -> Result<(), MoverError> {
         let stall = Duration::from_millis(self.settings.stall_ms);
-        match self.call(Request::Settle { stall }).await {
+        match self.call(Request::Settle { stall, expected }).await {
             Ok(_) => Ok(()),
             Err(failure @ (Failure::Stalled { .. } | Failure::NoReply { .. })) => {
                 // It may still be moving, and nobody knows where: stop it, trust nothing.

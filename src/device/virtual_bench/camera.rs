@@ -20,6 +20,7 @@ use crate::device::camera::{Camera, CameraDescription, CameraError, FrameFuture}
 use crate::frame::{Frame, FrameStamp};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
+use tokio::task::JoinHandle;
 
 /// Frame rate where the rig file asks for none, 1/s.
 const DEFAULT_FPS: f64 = 30.0;
@@ -141,6 +142,24 @@ pub struct VirtualCamera {
 struct Studio {
     picture: Picture,
     noise: SensorNoise,
+    /// The last picture of a scene at rest, before noise: the next frame very often sees the same.
+    last: Mutex<Option<(WorldScene, Drag, Arc<Vec<f32>>)>>,
+}
+
+impl Studio {
+    /// The scene without noise.
+    fn draw(&self, scene: &WorldScene, drag: &Drag) -> Arc<Vec<f32>> {
+        let last = || self.last.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if let Some((seen, carried, picture)) = &*last()
+            && seen.is(scene)
+            && carried == drag
+        {
+            return picture.clone();
+        }
+        let picture = Arc::new(self.picture.draw(&scene.pose, scene.indenter.as_ref(), drag));
+        *last() = Some((scene.clone(), *drag, picture.clone()));
+        picture
+    }
 }
 
 impl VirtualCamera {
@@ -165,6 +184,7 @@ impl VirtualCamera {
             studio: Arc::new(Studio {
                 picture: Picture::new(look, made_up.shift_px, made_up.seed),
                 noise: SensorNoise::new(&made_up),
+                last: Mutex::default(),
             }),
             faults: CameraFaults::default(),
             start: clock.now(),
@@ -218,6 +238,9 @@ impl VirtualCamera {
                 let waited = self.clock.now().since(asked);
                 return Err(CameraError::Stalled { camera: self.description.name.clone(), waited });
             }
+            // What happened during the exposure is known at its end; a real sensor's picture is read out from then on.
+            self.clock.sleep_until(begins.after(self.exposure)).await;
+            let drawing = self.draw(begins, sequence);
             self.clock.sleep_until(arrives).await;
             self.next_sequence = sequence + 1;
 
@@ -232,9 +255,12 @@ impl VirtualCamera {
                 dropped += 1;
                 continue;
             }
-            let frame = self.expose(sequence, begins, dropped).await;
+            let rgb = match drawing.await {
+                Ok(rgb) => rgb,
+                Err(panic) => std::panic::resume_unwind(panic.into_panic()),
+            };
             self.faults.state().count_served();
-            return Ok(frame);
+            return Ok(self.frame(rgb, sequence, begins, dropped));
         }
     }
 
@@ -250,7 +276,8 @@ impl VirtualCamera {
         }
     }
 
-    async fn expose(&mut self, sequence: u32, begins: Timestamp, dropped_before: u32) -> Frame {
+    /// Begins to draw what an exposure has seen.
+    fn draw(&mut self, begins: Timestamp, sequence: u32) -> JoinHandle<Vec<u8>> {
         // 1. The instants seen: one if all is still, else several spread over the exposure.
         let ends = begins.after(self.exposure);
         let (first, last) = (self.world.scene_at(begins), self.world.scene_at(ends));
@@ -267,23 +294,22 @@ impl VirtualCamera {
         // 2. Draw and expose, away from the threads that talk to devices.
         let studio = Arc::clone(&self.studio);
         let draw = move || {
-            let mut pictures = scenes
-                .iter()
-                .map(|(scene, drag)| studio.picture.draw(&scene.pose, scene.indenter.as_ref(), drag));
-            let mut mean = pictures.next().expect("an exposure has at least one instant");
+            let mut pictures = scenes.iter().map(|(scene, drag)| studio.draw(scene, drag));
+            let first = pictures.next().expect("an exposure has at least one instant");
+            if samples == 1 {
+                return studio.noise.expose(&first, sequence);
+            }
+            let mut mean = first.to_vec();
             for other in pictures {
-                mean.iter_mut().zip(other).for_each(|(m, o)| *m += o);
+                mean.iter_mut().zip(other.iter()).for_each(|(m, o)| *m += o);
             }
-            if samples > 1 {
-                mean.iter_mut().for_each(|m| *m /= samples as f32);
-            }
+            mean.iter_mut().for_each(|m| *m /= samples as f32);
             studio.noise.expose(&mean, sequence)
         };
-        let rgb = match tokio::task::spawn_blocking(draw).await {
-            Ok(rgb) => rgb,
-            Err(panic) => std::panic::resume_unwind(panic.into_panic()),
-        };
+        tokio::task::spawn_blocking(draw)
+    }
 
+    fn frame(&self, rgb: Vec<u8>, sequence: u32, begins: Timestamp, dropped_before: u32) -> Frame {
         let stamp = FrameStamp {
             exposed_at: begins,
             exposure: Some(self.exposure),

@@ -48,6 +48,17 @@ pub struct WorldScene {
     pub indenter: Option<Arc<dyn Indenter>>,
 }
 
+impl WorldScene {
+    /// Whether another scene shows the same body in the same place.
+    pub fn is(&self, other: &WorldScene) -> bool {
+        let same_body = match (&self.indenter, &other.indenter) {
+            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        same_body && self.pose == other.pose
+    }
+}
+
 impl World {
     /// A world with a pad whose true face lies `contact_offset_mm` above the nominal contact.
     pub fn new(map: PoseMap, contact_offset_mm: f64) -> Self {

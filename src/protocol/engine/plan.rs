@@ -45,7 +45,7 @@ impl Engine {
                 let here: Vec<Option<f64>> = self.positions().iter().map(|p| p.map(|p| p.value)).collect();
                 self.plan_move(&targets, feed, jog, &here)?.into_iter().map(send).collect()
             }
-            Request::Settle { stall } => vec![plain(Act::Settle(stall))],
+            Request::Settle { stall, expected } => vec![plain(Act::Settle { stall, expected })],
             // A question whose answer is lost may be asked again.
             Request::Position => vec![Move { act: Act::AskPositions, optional: false, retry: 2, back: 0 }],
             Request::Run(which) => return Ok(self.plan_procedure(ticket, &which)),

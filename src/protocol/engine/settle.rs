@@ -26,10 +26,11 @@ const LOOKS_A_STALL: f64 = 4.0;
 
 impl Engine {
     /// What is known of a motion that has just begun.
-    pub(super) fn settle(&self, stall: Duration, now: Timestamp) -> Settle {
+    pub(super) fn settle(&mut self, stall: Duration, expected: Option<Duration>, now: Timestamp) -> Settle {
+        self.rested_at = None;
         Settle {
             stall,
-            ask: self.asking(now),
+            ask: Asking { ends: expected.map(|lasts| now.after(lasts)), ..self.asking(now) },
             idle_in_a_row: 0,
             last: Vec::new(),
             last_state: None,
@@ -76,7 +77,10 @@ impl Engine {
             settle.ask.asked = false;
             settle.answered = now;
             match self.state() {
-                Some(MotionState::Idle) => settle.idle_in_a_row += 1,
+                Some(MotionState::Idle) => {
+                    settle.idle_in_a_row += 1;
+                    self.rested_at.get_or_insert(now);
+                }
                 Some(MotionState::Alarm) => {
                     return Check::Failed(Failure::Alarm {
                         code: "state".to_owned(),
@@ -87,6 +91,7 @@ impl Engine {
                 }
                 state => {
                     settle.idle_in_a_row = 0;
+                    self.rested_at = None;
                     if state != settle.last_state {
                         settle.progress = now;
                     }

@@ -14,7 +14,7 @@ pub(super) enum Act {
     Expect { class: String, timeout: u64 },
     Until { words: Vec<String>, timeout: u64 },
     Sleep(u64),
-    Settle(Duration),
+    Settle { stall: Duration, expected: Option<Duration> },
     AskPositions,
     Wake,
 }
@@ -57,7 +57,14 @@ pub(super) struct Asking {
     /// Count of state reports when the last question was sent.
     pub(super) reports: u64,
     pub(super) asked: bool,
+    /// When the motion should end: the instant from which a question more or less costs nobody's time but ours.
+    pub(super) ends: Option<Timestamp>,
 }
+
+/// How much more often questions are asked once a motion should have ended, and how many of these there are: a device
+/// that is slower than thought is then asked as patiently as before.
+const OFTENER: u32 = 5;
+const HASTY_QUESTIONS: u32 = 10;
 
 /// A sequence that runs.
 #[derive(Debug)]
@@ -76,10 +83,13 @@ pub(super) struct Task {
     pub(super) trust: Trust,
 }
 
-/// The steps at the beginning of a stop that only send.
-pub(super) fn leading_sends(procedure: &Procedure) -> Vec<&Step> {
+/// The steps at the beginning of a stop that only send; `asks` is the command whose answer later steps may need.
+pub(super) fn leading_sends<'a>(procedure: &'a Procedure, asks: Option<&str>) -> Vec<&'a Step> {
     let bare = |s: &&Step| {
-        (s.send.is_some() || s.realtime.is_some()) && s.sleep_ms.is_none() && s.until_state.is_empty()
+        (s.send.is_some() || s.realtime.is_some())
+            && s.sleep_ms.is_none()
+            && s.until_state.is_empty()
+            && (s.send.is_none() || s.send.as_deref() != asks)
     };
     let mut sends = Vec::new();
     for step in procedure.steps.iter().take_while(bare) {
@@ -266,7 +276,11 @@ impl Engine {
                     self.flag_failure = None;
                 }
                 let ticket = self.ticket();
-                self.exchange.submit(ticket, name, *axis, fields.clone(), *timeout)?;
+                let mut fields = fields.clone();
+                if let Some(counts) = axis.and_then(|at| self.positions()[at]?.counts) {
+                    fields.insert(HERE_COUNTS.to_owned(), Value::Int(counts.0));
+                }
+                self.exchange.submit(ticket, name, *axis, fields, *timeout)?;
                 (self.spec.cmd[name].reply != "none").then_some(Wait::Reply(ticket))
             }
             Act::Realtime(name) => {
@@ -287,14 +301,16 @@ impl Engine {
                 Some(Wait::State { words: words.clone(), until, ask: self.asking(now) })
             }
             Act::Sleep(ms) => Some(Wait::Until(now.after(Duration::from_millis(*ms)))),
-            Act::Settle(stall) => match (self.spec.done.method, self.spec.done.command.clone()) {
-                (DoneMethod::Barrier, Some(name)) => {
-                    let ticket = self.ticket();
-                    self.exchange.submit(ticket, &name, None, self.device_fields(Fields::new()), None)?;
-                    Some(Wait::Reply(ticket))
+            Act::Settle { stall, expected } => {
+                match (self.spec.done.method, self.spec.done.command.clone()) {
+                    (DoneMethod::Barrier, Some(name)) => {
+                        let ticket = self.ticket();
+                        self.exchange.submit(ticket, &name, None, self.device_fields(Fields::new()), None)?;
+                        Some(Wait::Reply(ticket))
+                    }
+                    _ => Some(Wait::Settle(self.settle(*stall, *expected, now))),
                 }
-                _ => Some(Wait::Settle(self.settle(*stall, now))),
-            },
+            }
             Act::AskPositions => {
                 let mut tickets = Vec::new();
                 if let Some(name) = self.spec.position.command.clone() {
@@ -315,25 +331,24 @@ impl Engine {
     }
 
     pub(super) fn asking(&self, now: Timestamp) -> Asking {
-        Asking { due: now, look: now, tickets: Vec::new(), reports: self.state_reports, asked: false }
+        let tickets = Vec::new();
+        Asking { due: now, look: now, tickets, reports: self.state_reports, asked: false, ends: None }
     }
 
     /// Asks for the state when a question is due and the last one is answered.
     pub(super) fn ask(&mut self, ask: &mut Asking, now: Timestamp) {
-        // A question every few milliseconds of wall time is enough, however fast bench time runs.
-        let period = Duration::from_millis(self.spec.done.period_ms)
-            .max(Duration::from_millis(5).mul_f64(self.patience));
         if ask.due > now {
             ask.look = ask.due;
             return;
         }
-        ask.look = now.after(period);
+        let next = self.next_question(ask, now);
+        ask.look = next;
         if self.is_silent() || !ask.tickets.is_empty() {
             return;
         }
         ask.reports = self.state_reports;
         ask.asked = true;
-        ask.due = now.after(period);
+        ask.due = next;
         if let Some(name) = &self.spec.done.realtime {
             self.urgent.extend(self.spec.realtime.get(name).map(|b| b.0.clone()).unwrap_or_default());
         } else if let Some(name) =
@@ -345,6 +360,22 @@ impl Engine {
                     ask.tickets.push(ticket);
                 }
             }
+        }
+    }
+
+    /// When to ask again after a question now: a period later, but at the instant when the motion should end, and
+    /// oftener for a while from then on.
+    fn next_question(&self, ask: &Asking, now: Timestamp) -> Timestamp {
+        // A question every few milliseconds of wall time is enough, however fast bench time runs.
+        let often = |period: Duration| period.max(Duration::from_millis(5).mul_f64(self.patience));
+        let period = Duration::from_millis(self.spec.done.period_ms);
+        let next = now.after(often(period));
+        match ask.ends {
+            Some(ends) if now < ends => next.min(ends),
+            Some(ends) if now < ends.after(often(period / OFTENER) * HASTY_QUESTIONS) => {
+                now.after(often(period / OFTENER))
+            }
+            _ => next,
         }
     }
 

@@ -59,6 +59,9 @@ pub enum Request {
     Settle {
         /// Longest time without progress.
         stall: Duration,
+        /// How long the motion should take from now on, where it is known: questions are asked more often about then.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        expected: Option<Duration>,
     },
     /// Asks for the positions of all axes and the state.
     Position,

@@ -90,7 +90,7 @@ fn go(targets: &[(usize, f64)], feed: f64) -> Request {
     Request::Move { targets: targets.to_vec(), feed, jog: false }
 }
 
-const SETTLE: Request = Request::Settle { stall: Duration::from_secs(3) };
+const SETTLE: Request = Request::Settle { stall: Duration::from_secs(3), expected: None };
 
 #[test]
 fn a_grbl_move_is_a_jog_and_ends_when_idle_is_confirmed_twice() {
@@ -444,7 +444,7 @@ fn zaber_replies_are_matched_by_id() {
 #[test]
 fn an_unanswered_question_wakes_nobody_in_the_meantime() {
     let mut b = Bench::new("zaber_ascii", &[("slide", "1/1")]);
-    b.engine.submit(Request::Settle { stall: Duration::from_secs(3) });
+    b.engine.submit(Request::Settle { stall: Duration::from_secs(3), expected: None });
     b.out();
     for _ in 0..20 {
         b.pass_ms(60);
@@ -565,10 +565,10 @@ fn dobot_moves_whole_poses_and_waits_for_its_queue() {
 fn a_frame_cut_short_is_given_up_after_a_pause() {
     let mut b = Bench::new("feetech_sts", &[("joint", "1")]);
     let t = b.engine.submit(Request::Position);
-    assert_eq!(out_hex(&mut b), "ff ff 01 04 02 38 02 be");
-    say_hex(&mut b, "ff ff 01 04 00");
+    assert_eq!(out_hex(&mut b), "ff ff 01 04 02 38 0b b5");
+    say_hex(&mut b, "ff ff 01 0d 00 00 08");
     b.pass_ms(100);
-    say_hex(&mut b, "ff ff 01 04 00 00 08 f2");
+    say_hex(&mut b, "ff ff 01 0d 00 00 08 32 00 08 00 4a 1e 00 00 01 46");
     out_hex(&mut b);
     assert!(matches!(b.finished_now(t), Some(Ok(_))));
     assert!((b.engine.positions()[0].unwrap().value - 20.48).abs() < 1e-9);

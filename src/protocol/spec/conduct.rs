@@ -170,6 +170,10 @@ pub enum DoneMethod {
     QueueIndex,
 }
 
+/// The field of a step's command for one axis that is filled with the counts at which that axis was last reported: so a
+/// servo is told to stay where it is.
+pub const HERE_COUNTS: &str = "here_counts";
+
 /// A list of steps from the closed set of verbs.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(deny_unknown_fields)]

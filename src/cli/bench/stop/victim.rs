@@ -67,7 +67,7 @@ async fn serve(args: &Args) -> Result<(), Box<dyn std::error::Error>> {
 
     let load = match args.idle {
         true => None,
-        false => Some(Load::start(&setup)?),
+        false => Some(Load::start(&setup, &args.scratch)?),
     };
     let (begun, cpu) = (Instant::now(), cpu_seconds());
     loop {

@@ -2,6 +2,7 @@
 
 use super::Args;
 use super::victim::{READY, SPEED};
+use crate::cli::bench::load::ThrownAway;
 use crate::clock::{Clock, Timestamp};
 use crate::config::Setup;
 use crate::device::mover;
@@ -97,6 +98,8 @@ pub(super) struct Witness {
     child: Child,
     says: Lines<BufReader<ChildStdout>>,
     tell: ChildStdin,
+    /// After the child, which writes there.
+    _scratch: ThrownAway,
 }
 
 /// A port that saw nothing for so long has missed the stop.
@@ -117,7 +120,8 @@ impl Witness {
         }
         let mut command = Command::new(std::env::current_exe()?);
         command.args(["bench", "stop", "--rig"]).arg(&args.rig).arg("--plan").arg(&args.plan);
-        command.arg("--victim").arg(paths.join(","));
+        let scratch = ThrownAway::new("stop");
+        command.arg("--victim").arg(paths.join(",")).arg("--scratch").arg(&scratch.0);
         if args.idle {
             command.arg("--idle");
         }
@@ -129,7 +133,7 @@ impl Witness {
             return Err(WitnessError::NoVictim);
         };
         let says = BufReader::new(out).lines();
-        Ok(Witness { clock: Clock::real_time(), ports, fault, child, says, tell })
+        Ok(Witness { clock: Clock::real_time(), ports, fault, child, says, tell, _scratch: scratch })
     }
 
     /// Stops the victim so often.

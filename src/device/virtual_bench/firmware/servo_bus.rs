@@ -3,7 +3,9 @@
 //! Both are memories with addresses: reading and writing registers is all there is, and writing the
 //! goal of a servo whose torque is on moves it. Every servo answers for itself; a write to all of
 //! them (id 254) is not answered, a ping to all is, by each in turn. Servos are absolute: they know
-//! their angle from power-up. A frame with a wrong checksum is not answered.
+//! their angle from power-up, and it is their first goal. Torque that returns drives a servo to the goal it had,
+//! wherever it is meanwhile (pollen-robotics/reachy_mini#1136), unless the model holds where it is
+//! (`holds_on_torque`). A frame with a wrong checksum is not answered.
 //!
 //! Sources: frames of dynamixel-sdk and feetech-servo-sdk; ROBOTIS e-Manual, *Protocol 2.0*. Not
 //! emulated: bulk commands, load, temperature, the 1-degree backlash of the cheap ones.
@@ -106,6 +108,7 @@ impl ServoBus {
             bus.set(i, "id", id);
             bus.set(i, "model", model);
             initial.iter().for_each(|(name, value)| bus.set(i, name, *value));
+            bus.stay(i, now);
         }
         Ok(bus)
     }
@@ -281,6 +284,7 @@ impl ServoBus {
                     self.motors.set_home(i);
                     self.servos[i].fault = 0;
                     self.set(i, "torque", 0);
+                    self.stay(i, self.t);
                     0
                 }
                 _ => error::INSTRUCTION,
@@ -309,7 +313,7 @@ impl ServoBus {
         if at + data.len() > self.servos[i].memory.len() {
             return error::RANGE;
         }
-        let before = self.servos[i].memory.clone();
+        let (before, was_on) = (self.servos[i].memory.clone(), self.load(i, "torque") != 0);
         self.servos[i].memory[at..at + data.len()].copy_from_slice(data);
         let touches = |name: &str| {
             let register = self.spec.registers.get(name);
@@ -333,11 +337,19 @@ impl ServoBus {
         } else if torque && self.spec.holds_on_torque {
             // It brakes, and what it reaches is its new goal.
             let rests = self.motors.stop_one(i, self.t);
-            let counts = self.motors.axis(i).counts(self.motors.position(i, rests));
-            self.set(i, "goal", counts);
+            self.stay(i, rests);
             self.servos[i].until = rests;
+        } else if torque && !was_on {
+            let goal = self.load(i, "goal") as f64 / self.motors.axis(i).counts_per_unit;
+            self.go(i, goal);
         }
         0
+    }
+
+    /// Where it is at `t` becomes its goal.
+    fn stay(&mut self, i: usize, t: Timestamp) {
+        let counts = self.motors.axis(i).counts(self.motors.position(i, t));
+        self.set(i, "goal", counts);
     }
 
     fn go(&mut self, i: usize, target: f64) {
@@ -403,6 +415,7 @@ impl Firmware for ServoBus {
             self.servos[i].fault = 0;
             self.servos[i].prepared = None;
             self.set(i, "torque", 0);
+            self.stay(i, now);
         }
     }
 
