@@ -12,7 +12,7 @@ use super::shade::Block;
 use super::slots::{POSITION, Slots};
 use super::source::{COARSE, LINES, Line};
 use super::vector::{irradiance, quadrilateral};
-use super::{Precomputed, probes};
+use super::Precomputed;
 use crate::optics::{Albedo, Film, Mesh};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -139,7 +139,7 @@ impl Frame<'_> {
                 1 => std::slice::from_ref(&self.once.total),
                 _ => &self.once.tables.probes[..],
             };
-            let gains = cells.gains(|film, p, n| probes::irradiance(&grids[film].at(p), n));
+            let gains = cells.gains(|film, p| grids[film].at(p));
             for (k, (film, gains)) in all.iter_mut().zip(&gains).enumerate() {
                 bounced = self.apply(film, [k, lights.len()], gains, size[0], cell_px);
             }
@@ -219,9 +219,9 @@ impl Frame<'_> {
             .then(|| (super::View::point(view.row(y)[x], sample.value), sample.triangle))
     }
 
-    /// Fills up to eight nodes at once. `hidden` tells for which lights horizons are worth following.
+    /// Fills up to eight nodes at once.
     #[inline(always)]
-    fn fill(&self, points: &[Vec3], out: &mut [f32], hidden: impl Fn(usize) -> bool) {
+    fn fill(&self, points: &[Vec3], out: &mut [f32]) {
         let (once, slots) = (self.once, &self.slots);
         let stride = slots.stride();
         let mut eight = Vectors::all(points[0]);
@@ -255,18 +255,54 @@ impl Frame<'_> {
                 let values = grid.at(*p);
                 node[slots.indirect(film)..][..values.len()].copy_from_slice(&values);
             }
-            for l in 0..once.sources.len() {
-                self.horizons(l, *p, node, hidden(l));
+            for (l, source) in once.sources.iter().enumerate() {
+                let lines = source.seen(*p, once.view.slab.as_ref());
+                self.horizons(l, *p, &lines, node);
+                // Behind a light there is nothing to take off.
+                node[slots.gain(l)] = f32::from(u8::from(source.faces(*p)));
+                if slots.varying() {
+                    let numbers = &mut node[slots.line(l, 0)..][..6 * LINES];
+                    for (numbers, end) in numbers.chunks_exact_mut(3).zip(lines.iter().flatten()) {
+                        numbers.copy_from_slice(&end.to_array());
+                    }
+                }
+                if once.tables.direct[l].is_some() {
+                    let phi = Vec3::from_slice(&node[slots.direct(l)..]);
+                    node[slots.gain(l)] = phi.length() / outline(&lines).length().max(1e-12);
+                }
             }
         }
     }
 
-    /// Fills a node's part on what the pad hides of a light.
+    /// Fills a node between others of which it is a mean: fields are interpolated anyway, only its place and the horizons
+    /// of lights that the pad hides at one of them are its own.
     #[inline(always)]
-    fn horizons(&self, l: usize, p: Vec3, node: &mut [f32], hidden: bool) {
-        let (once, slots) = (self.once, &self.slots);
-        let source = &once.sources[l];
-        let lines = source.seen(p, once.view.slab.as_ref());
+    fn fill_between(&self, p: Vec3, parents: &[(&[f32], f32)], node: &mut [f32]) {
+        let slots = &self.slots;
+        node.fill(0.0);
+        for (parent, weight) in parents {
+            node.iter_mut().zip(*parent).for_each(|(sum, number)| *sum += number * weight);
+        }
+        node[POSITION..3].copy_from_slice(&p.to_array());
+        for (l, source) in self.once.sources.iter().enumerate() {
+            if !self.effort.thorough && parents.iter().all(|(parent, _)| parent[slots.light(l)] == 0.0) {
+                continue;
+            }
+            let lines = match slots.varying() {
+                true => {
+                    let end = |k: usize, end: usize| Vec3::from_slice(&node[slots.line(l, k) + 3 * end..]);
+                    std::array::from_fn(|k| [end(k, 0), end(k, 1)])
+                }
+                false => source.seen(p, None),
+            };
+            self.horizons(l, p, &lines, node);
+        }
+    }
+
+    /// Fills a node's part on what the pad hides of a light, whose lines appear there.
+    #[inline(always)]
+    fn horizons(&self, l: usize, p: Vec3, lines: &[Line; LINES], node: &mut [f32]) {
+        let slots = &self.slots;
         let (mut hides, mut rises, mut uneven) = (false, false, false);
         let slopes = slots.horizons(l);
         // A few lines first; the ones between only where the pad rises before one of these, and the finest only where
@@ -288,7 +324,7 @@ impl Frame<'_> {
             let least = from.min(to) - BELOW;
             // A light that appears through a plate has no distance: the pad's rim ends the line of sight.
             let distance = if slots.bent() { f32::INFINITY } else { distance };
-            let horizon = match hidden && (coarse || rises || self.effort.thorough) {
+            let horizon = match coarse || rises || self.effort.thorough {
                 true => self.heights.horizon(p, ahead, distance, least, from.max(to)),
                 false => least,
             };
@@ -299,18 +335,6 @@ impl Frame<'_> {
         }
         node[slots.light(l)] =
             if hides { f32::from(1 + u8::from(uneven || self.effort.thorough)) } else { 0.0 };
-        // Behind a light there is nothing to take off.
-        node[slots.gain(l)] = f32::from(u8::from(source.faces(p)));
-        if slots.varying() {
-            let numbers = &mut node[slots.line(l, 0)..][..6 * LINES];
-            for (numbers, end) in numbers.chunks_exact_mut(3).zip(lines.iter().flatten()) {
-                numbers.copy_from_slice(&end.to_array());
-            }
-        }
-        if once.tables.direct[l].is_some() {
-            let phi = Vec3::from_slice(&node[slots.direct(l)..]);
-            node[slots.gain(l)] = phi.length() / outline(&lines).length().max(1e-12);
-        }
     }
 }
 
@@ -344,7 +368,7 @@ impl Work for NodeRow<'_> {
             let mut points = [Vec3::ZERO; WIDTH];
             let n = nodes.len() / stride;
             (0..n).for_each(|i| points[i] = seen(i).map_or(Vec3::ZERO, |(p, _)| p));
-            self.frame.fill(&points[..n], nodes, |_| true);
+            self.frame.fill(&points[..n], nodes);
             for (i, node) in nodes.chunks_exact_mut(stride).enumerate() {
                 if seen(i).is_none() {
                     node[POSITION] = f32::NAN;
@@ -388,6 +412,15 @@ struct Desk<'a> {
     cells: &'a mut [Cell],
     light: &'a mut [Vec3],
     spread: &'a mut f64,
+}
+
+/// What a block is divided for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Finer {
+    /// Everything.
+    Fields,
+    /// The edges of shadows alone.
+    Horizons,
 }
 
 /// Where nothing is seen.
@@ -478,14 +511,14 @@ impl Desk<'_> {
             return;
         };
         let mut borrowed = vec![0.0; self.frame.slots.stride()];
-        self.frame.fill(&[self.point(x, y)], &mut borrowed, |_| true);
+        self.frame.fill(&[self.point(x, y)], &mut borrowed);
         self.shade(rectangle, four.map(|n| if n[POSITION].is_nan() { &borrowed[..] } else { n }));
     }
 
     /// Divides a block until what it holds can be interpolated.
     #[inline(always)]
     fn divide(&mut self, rectangle: Rectangle, four: [&[f32]; 4]) {
-        if !self.finer(rectangle, four) {
+        if self.finer(rectangle, four).is_none() {
             self.shade(rectangle, four);
             return;
         }
@@ -498,10 +531,11 @@ impl Desk<'_> {
         waiting.push((rectangle, [0, 1, 2, 3]));
         while let Some((rectangle, ids)) = waiting.pop() {
             let [x0, y0, x1, y1] = rectangle;
-            if !self.finer(rectangle, ids.map(|k| &arena[k * stride..][..stride])) {
-                self.shade(rectangle, ids.map(|k| &arena[k * stride..][..stride]));
+            let parents = ids.map(|k| &arena[k * stride..][..stride]);
+            let Some(finer) = self.finer(rectangle, parents) else {
+                self.shade(rectangle, parents);
                 continue;
-            }
+            };
             let (mx, my) = ((x0 + x1) / 2, (y0 + y1) / 2);
             let next = arena.len() / stride;
             let inner = [(mx, y0), (x0, my), (mx, my), (x1, my), (mx, y1)].map(|(x, y)| self.point(x, y));
@@ -510,10 +544,25 @@ impl Desk<'_> {
                 arena.resize(at + inner.len() * stride, 0.0);
                 arena.split_at_mut(at)
             };
-            let flag = |l: usize| self.frame.slots.light(l);
-            let thorough = self.frame.effort.thorough;
-            self.frame
-                .fill(&inner, fresh, |l| thorough || ids.iter().any(|k| old[k * stride + flag(l)] > 0.0));
+            match finer {
+                Finer::Fields => self.frame.fill(&inner, fresh),
+                Finer::Horizons => {
+                    let [a, b, c, d] = ids.map(|k| &old[k * stride..][..stride]);
+                    let (u, v) = ((mx - x0) as f32 / (x1 - x0) as f32, (my - y0) as f32 / (y1 - y0) as f32);
+                    let (s, t) = (1.0 - u, 1.0 - v);
+                    let mut nodes = fresh.chunks_exact_mut(stride).zip(inner);
+                    let mut fill = |parents: &[(&[f32], f32)]| {
+                        if let Some((node, p)) = nodes.next() {
+                            self.frame.fill_between(p, parents, node);
+                        }
+                    };
+                    fill(&[(a, s), (b, u)]);
+                    fill(&[(a, t), (c, v)]);
+                    fill(&[(a, s * t), (b, u * t), (c, s * v), (d, u * v)]);
+                    fill(&[(b, t), (d, v)]);
+                    fill(&[(c, s), (d, u)]);
+                }
+            }
             let [a, b, c, d] = ids;
             let [top, left, middle, right, bottom] = [0, 1, 2, 3, 4].map(|k| next + k);
             waiting.push(([x0, y0, mx, my], [a, top, left, middle]));
@@ -524,12 +573,12 @@ impl Desk<'_> {
         (self.arena, self.waiting) = (arena, waiting);
     }
 
-    /// Whether a block must be divided, and can be.
+    /// Whether a block must be divided, and can be, and for what.
     #[inline(always)]
-    fn finer(&self, [x0, y0, x1, y1]: Rectangle, four: [&[f32]; 4]) -> bool {
+    fn finer(&self, [x0, y0, x1, y1]: Rectangle, four: [&[f32]; 4]) -> Option<Finer> {
         let (effort, size) = (&self.frame.effort, (x1 - x0).max(y1 - y0) as f32 * self.frame.once.pixel_mm);
         if x1 - x0 < 2 || y1 - y0 < 2 {
-            return false;
+            return None;
         }
         let (mx, my) = ((x0 + x1) / 2, (y0 + y1) / 2);
         let shadow = || {
@@ -542,9 +591,15 @@ impl Desk<'_> {
             let mean = 0.25 * four.iter().map(|n| n[POSITION + 2]).sum::<f32>();
             (self.point(mx, my).z - mean).abs() > effort.curved_mm
         };
-        let wanted = size > effort.block_mm || (size > effort.shadow_mm && shadow()) || curved();
+        let wanted = if size > effort.block_mm || curved() {
+            Finer::Fields
+        } else if size > effort.shadow_mm && shadow() {
+            Finer::Horizons
+        } else {
+            return None;
+        };
         let inner = [(mx, y0), (x0, my), (mx, my), (x1, my), (mx, y1)];
-        wanted && inner.iter().all(|&(x, y)| self.point(x, y).x != NOWHERE)
+        inner.iter().all(|&(x, y)| self.point(x, y).x != NOWHERE).then_some(wanted)
     }
 
     /// Shades a block.
