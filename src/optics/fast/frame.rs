@@ -277,15 +277,16 @@ impl Frame<'_> {
     /// Fills a node between others of which it is a mean: fields are interpolated anyway, only its place and the horizons
     /// of lights that the pad hides at one of them are its own.
     #[inline(always)]
-    fn fill_between(&self, p: Vec3, parents: &[(&[f32], f32)], node: &mut [f32]) {
+    fn fill_between(&self, p: Vec3, parents: [&[f32]; 4], [u, v]: [f32; 2], node: &mut [f32]) {
         let slots = &self.slots;
-        node.fill(0.0);
-        for (parent, weight) in parents {
-            node.iter_mut().zip(*parent).for_each(|(sum, number)| *sum += number * weight);
+        let [a, b, c, d] = parents.map(|parent| &parent[..node.len()]);
+        let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
+        for (k, number) in node.iter_mut().enumerate() {
+            *number = a[k] * weights[0] + b[k] * weights[1] + c[k] * weights[2] + d[k] * weights[3];
         }
         node[POSITION..3].copy_from_slice(&p.to_array());
         for (l, source) in self.once.sources.iter().enumerate() {
-            if !self.effort.thorough && parents.iter().all(|(parent, _)| parent[slots.light(l)] == 0.0) {
+            if !self.effort.thorough && node[slots.light(l)] == 0.0 {
                 continue;
             }
             let lines = match slots.varying() {
@@ -412,6 +413,22 @@ struct Desk<'a> {
     cells: &'a mut [Cell],
     light: &'a mut [Vec3],
     spread: &'a mut f64,
+}
+
+/// Pixels that are shaded at once: rows of a block, one after the other.
+#[derive(Debug, Clone, Copy)]
+struct Lanes {
+    x0: usize,
+    columns: usize,
+    top: usize,
+    count: usize,
+}
+
+impl Lanes {
+    #[inline(always)]
+    fn pixel(self, i: usize) -> (usize, usize) {
+        (self.x0 + i % self.columns, self.top + i / self.columns)
+    }
 }
 
 /// What a block is divided for.
@@ -547,20 +564,12 @@ impl Desk<'_> {
             match finer {
                 Finer::Fields => self.frame.fill(&inner, fresh),
                 Finer::Horizons => {
-                    let [a, b, c, d] = ids.map(|k| &old[k * stride..][..stride]);
                     let (u, v) = ((mx - x0) as f32 / (x1 - x0) as f32, (my - y0) as f32 / (y1 - y0) as f32);
-                    let (s, t) = (1.0 - u, 1.0 - v);
-                    let mut nodes = fresh.chunks_exact_mut(stride).zip(inner);
-                    let mut fill = |parents: &[(&[f32], f32)]| {
-                        if let Some((node, p)) = nodes.next() {
-                            self.frame.fill_between(p, parents, node);
-                        }
-                    };
-                    fill(&[(a, s), (b, u)]);
-                    fill(&[(a, t), (c, v)]);
-                    fill(&[(a, s * t), (b, u * t), (c, s * v), (d, u * v)]);
-                    fill(&[(b, t), (d, v)]);
-                    fill(&[(c, s), (d, u)]);
+                    let parents = ids.map(|k| &old[k * stride..][..stride]);
+                    let places = [[u, 0.0], [0.0, v], [u, v], [1.0, v], [u, 1.0]];
+                    for ((node, p), at) in fresh.chunks_exact_mut(stride).zip(inner).zip(places) {
+                        self.frame.fill_between(p, parents, at, node);
+                    }
                 }
             }
             let [a, b, c, d] = ids;
@@ -602,30 +611,48 @@ impl Desk<'_> {
         inner.iter().all(|&(x, y)| self.point(x, y).x != NOWHERE).then_some(wanted)
     }
 
-    /// Shades a block.
+    /// Shades a block, eight pixels at a time: of narrow blocks several rows at once.
     #[inline(always)]
     fn shade(&mut self, rectangle: Rectangle, four: [&[f32]; 4]) {
         let [x0, y0, x1, y1] = rectangle;
         self.block.prepare(four);
         let scale = [1.0 / (x1 - x0) as f32, 1.0 / (y1 - y0) as f32];
-        let u = Eight(std::array::from_fn(|i| (i as f32 + 0.5) * scale[0]));
         let limit = Eight::all(STEEPEST * self.frame.once.pixel_mm);
         let crease = Eight::all(CREASE * self.frame.once.pixel_mm);
-        for y in y0..y1 {
-            let v = Eight::all(((y - y0) as f32 + 0.5) * scale[1]);
-            let k = self.at(x0, y);
-            let read = |c: usize, k: usize| Eight(std::array::from_fn(|i| self.points[c][k..k + WIDTH][i]));
+        let columns = x1 - x0;
+        let at_once = (WIDTH / columns).max(1);
+        for top in (y0..y1).step_by(at_once) {
+            let lanes = Lanes { x0, columns, top, count: columns * at_once.min(y1 - top) };
+            let u = Eight(std::array::from_fn(|i| ((i % columns) as f32 + 0.5) * scale[0]));
+            let v = Eight(std::array::from_fn(|i| ((top - y0 + i / columns) as f32 + 0.5) * scale[1]));
+            let first = self.at(x0, top);
+            let stride = self.stride;
+            let read = |c: usize, step: usize| match columns == WIDTH {
+                true => Eight(std::array::from_fn(|i| self.points[c][first + step..first + step + WIDTH][i])),
+                // (Beyond the last row of the block it reads that row.)
+                false => Eight(std::array::from_fn(|i| {
+                    let i = i.min(lanes.count - 1);
+                    self.points[c][first + step + i / columns * stride + i % columns]
+                })),
+            };
             let vectors = |k: usize| Vectors { x: read(0, k), y: read(1, k), z: read(2, k) };
-            let (a, b) = (vectors(k), vectors(k + 1));
-            let (c, d) = (vectors(k + self.stride), vectors(k + self.stride + 1));
+            let (a, b) = (vectors(0), vectors(1));
+            let (c, d) = (vectors(stride), vectors(stride + 1));
             let low = a.z.min(b.z).min(c.z.min(d.z));
             let high = a.z.max(b.z).max(c.z.max(d.z));
-            let uneven = limit.below(high - low);
-            let bend = |step: usize| {
-                let z = |k: usize| read(2, k);
-                ((z(k + 2 * step) - z(k + step)) - (z(k) - z(k - step))).abs()
+            let steep = limit.below(high - low);
+            let before = |k: usize| {
+                let back = first - k;
+                match columns == WIDTH {
+                    true => Eight(std::array::from_fn(|i| self.points[2][back..back + WIDTH][i])),
+                    false => Eight(std::array::from_fn(|i| {
+                        let i = i.min(lanes.count - 1);
+                        self.points[2][back + i / columns * stride + i % columns]
+                    })),
+                }
             };
-            let uneven = uneven.or(crease.below(bend(1).max(bend(self.stride))));
+            let bend = |step: usize, next: Eight| ((read(2, 2 * step) - next) - (a.z - before(step))).abs();
+            let uneven = steep.or(crease.below(bend(1, b.z).max(bend(stride, c.z))));
             let point = (a + b + c + d).scaled(Eight::all(0.25));
             // The picture's y runs downwards: this order points to the camera.
             let normal = (c - b).cross(d - a).unit();
@@ -637,28 +664,25 @@ impl Desk<'_> {
             };
             self.sums.fill(Vectors::all(Vec3::ZERO));
             self.block.light([u, v], point, normal, &self.frame.once.radiances, &mut self.sums);
-            self.put(x0, x1, y);
-            if self.cell_px < 4 || y % 4 == 1 {
-                self.count(x0, x1, y, point, normal, limit.below(high - low));
-            }
+            self.put(lanes);
+            self.count(lanes, point, normal, steep);
             if uneven.any() {
-                for x in x0..x1 {
-                    if uneven.lane(x - x0) {
-                        self.mixed(x, y, rectangle);
-                    }
+                for i in (0..lanes.count).filter(|&i| uneven.lane(i)) {
+                    let (x, y) = lanes.pixel(i);
+                    self.mixed(x, y, rectangle);
                 }
             }
         }
     }
 
-    /// Adds a row of pixels to the cells of the bounce.
+    /// Adds pixels to the cells of the bounce; of large cells some rows stand for all.
     #[inline(always)]
-    fn count(&mut self, x0: usize, x1: usize, y: usize, points: Vectors, normals: Vectors, not: Mask) {
+    fn count(&mut self, lanes: Lanes, points: Vectors, normals: Vectors, not: Mask) {
         let columns = self.width.div_ceil(self.cell_px);
         let cells = self.cells.len();
-        for x in x0..x1 {
-            let i = x - x0;
-            if not.lane(i) {
+        for i in 0..lanes.count {
+            let (x, y) = lanes.pixel(i);
+            if not.lane(i) || (self.cell_px >= 4 && y % 4 != 1) {
                 continue;
             }
             let k = (y - self.first) / self.cell_px * columns + x / self.cell_px;
@@ -673,12 +697,12 @@ impl Desk<'_> {
         }
     }
 
-    /// Writes the light on a row of pixels.
+    /// Writes the light on pixels.
     #[inline(always)]
-    fn put(&mut self, x0: usize, x1: usize, y: usize) {
+    fn put(&mut self, lanes: Lanes) {
         let rows = self.out.len() / (self.width * self.sums.len());
-        for x in x0..x1 {
-            let i = x - x0;
+        for i in 0..lanes.count {
+            let (x, y) = lanes.pixel(i);
             let albedo = self.albedo(x, y) * (FRAC_1_PI * self.frame.once.transmitted(x, y));
             for (film, sum) in self.sums.iter().enumerate() {
                 let light = Vec3::new(sum.x.0[i], sum.y.0[i], sum.z.0[i]);
