@@ -432,8 +432,10 @@ impl<'a> Renderer<'a> {
             albedo: &self.albedo,
             heights: &self.heights,
             seen: &seen,
+            vertices: &vertices,
             effort: self.effort,
             slots: Slots::new(once.sources.len(), films, varying, once.view.slab.is_some(), grey),
+            level: 0.0,
         };
         let mut pictures = frame.render();
         let grain = once.grain;

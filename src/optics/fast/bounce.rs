@@ -101,9 +101,8 @@ impl Cells<'_> {
         let counted = self.cells.iter().filter(|c| c.count > 0.0).count().max(1) as f32;
         let reflected = self.albedo * FRAC_1_PI;
         let sum = |light: &[f32]| light.iter().sum::<f32>() / counted;
-        let ground = |light: &[Vec<f32>; 3]| {
-            Vec3::new(sum(&light[0]), sum(&light[1]), sum(&light[2])) * reflected
-        };
+        let ground =
+            |light: &[Vec<f32>; 3]| Vec3::new(sum(&light[0]), sum(&light[1]), sum(&light[2])) * reflected;
         let grounds: Vec<Vec3> = means.lights.iter().map(ground).collect();
         let steps: [Steps; DIRECTIONS] = std::array::from_fn(|direction| {
             let ahead = ahead(direction);
@@ -164,7 +163,8 @@ impl<S: Fn(usize, Vec3) -> [f32; NUMBERS]> Work for Row<'_, S> {
             let even = EVEN * self.cells.edge_mm;
             let level = |k: usize| {
                 let z = self.means.heights[k];
-                z == f32::NEG_INFINITY || (self.means.normals[2][k] > 1.0 - 1e-5 && self.means.highest - z < even)
+                z == f32::NEG_INFINITY
+                    || (self.means.normals[2][k] > 1.0 - 1e-5 && self.means.highest - z < even)
             };
             if (at..at + lanes).all(level) {
                 continue;
@@ -205,7 +205,8 @@ impl<S: Fn(usize, Vec3) -> [f32; NUMBERS]> Row<'_, S> {
             // Elevations as slopes. Below the surface's own plane nothing arrives.
             let upright = Eight::all(1e-3).below(nz);
             let mut before = upright.choose((-along).over(nz), Eight::all(f32::NEG_INFINITY));
-            let mut below = upright.choose(weight(before, along, nz), (nz - along * Eight::all(FRAC_PI_2)) * Eight::all(0.5));
+            let mut below = upright
+                .choose(weight(before, along, nz), (nz - along * Eight::all(FRAC_PI_2)) * Eight::all(0.5));
             let mut environment: Option<usize> = None;
             for (aside, down, per_mm) in steps {
                 let row = self.j as isize + down;
@@ -229,7 +230,8 @@ impl<S: Fn(usize, Vec3) -> [f32; NUMBERS]> Row<'_, S> {
                 environment = Some(direction);
                 let tilted = (ahead * SKYWARDS.sin()).extend(SKYWARDS.cos());
                 for (film, sum) in sums.iter_mut().enumerate() {
-                    let environment = probes::irradiance_of(&skies[film], tilted).scaled(Eight::all(FRAC_1_PI));
+                    let environment =
+                        probes::irradiance_of(&skies[film], tilted).scaled(Eight::all(FRAC_1_PI));
                     let light = means.light(film, k);
                     let radiance = Vectors {
                         x: light.x * Eight::all(reflected.x),
@@ -237,7 +239,9 @@ impl<S: Fn(usize, Vec3) -> [f32; NUMBERS]> Row<'_, S> {
                         z: light.z * Eight::all(reflected.z),
                     };
                     let ground = Vectors::all(self.grounds[film]);
-                    *sum = *sum + (radiance - environment).scaled(of_sky) + (radiance - ground).scaled(of_ground);
+                    *sum = *sum
+                        + (radiance - environment).scaled(of_sky)
+                        + (radiance - ground).scaled(of_ground);
                 }
                 before = risen.choose(rise, before);
                 below = risen.choose(now, below);
