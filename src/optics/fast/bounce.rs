@@ -48,6 +48,14 @@ pub struct Cells<'a> {
     pub albedo: Vec3,
 }
 
+/// The untouched sensor's light, in a picture at a place.
+pub struct Untouched {
+    /// Polynomial of the indirect irradiance.
+    pub sky: [f32; NUMBERS],
+    /// Irradiance of the face there.
+    pub ground: Vec3,
+}
+
 /// Means over cells, by row with room on both sides so that eight neighbours can be looked at from any column.
 struct Means {
     stride: usize,
@@ -57,6 +65,8 @@ struct Means {
     normals: [Vec<f32>; 3],
     /// By picture and colour: irradiance.
     lights: Vec<[Vec<f32>; 3]>,
+    /// The same of the untouched face there.
+    grounds: Vec<[Vec<f32>; 3]>,
     highest: f32,
 }
 
@@ -67,7 +77,7 @@ const MARGIN: usize = 22;
 type Steps = [(isize, isize, f32); DISTANCES.len()];
 
 impl Cells<'_> {
-    fn means(&self) -> Means {
+    fn means(&self, untouched: &impl Fn(usize, Vec3) -> Untouched) -> Means {
         let [nx, ny] = self.size;
         let stride = nx.next_multiple_of(WIDTH) + 2 * MARGIN;
         let row = |value: f32| vec![value; stride * ny];
@@ -77,6 +87,7 @@ impl Cells<'_> {
             places: [row(0.0), row(0.0)],
             normals: [row(0.0), row(0.0), row(1.0)],
             lights: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
+            grounds: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
             highest: f32::NEG_INFINITY,
         };
         for (k, cell) in self.cells.iter().enumerate().filter(|(_, c)| c.count > 0.0) {
@@ -89,21 +100,18 @@ impl Cells<'_> {
                 let light = light[k] / cell.count;
                 (out[0][at], out[1][at], out[2][at]) = light.into();
             }
+            for (film, out) in means.grounds.iter_mut().enumerate() {
+                (out[0][at], out[1][at], out[2][at]) = untouched(film, p).ground.into();
+            }
         }
         means
     }
 
-    /// What the irradiance of each cell is to be multiplied with, by picture. `sky` gives the polynomial of the indirect
-    /// irradiance of the untouched sensor in a picture at a place. What a cell sees is found once for all pictures.
-    pub fn gains(&self, sky: impl Fn(usize, Vec3) -> [f32; NUMBERS] + Sync) -> Vec<Vec<Vec3>> {
+    /// What the irradiance of each cell is to be multiplied with, by picture. `untouched` gives the light of the untouched
+    /// sensor in a picture at a place. What a cell sees is found once for all pictures.
+    pub fn gains(&self, untouched: impl Fn(usize, Vec3) -> Untouched + Sync) -> Vec<Vec<Vec3>> {
         let ([nx, _], films) = (self.size, self.lights.len());
-        let means = self.means();
-        let counted = self.cells.iter().filter(|c| c.count > 0.0).count().max(1) as f32;
-        let reflected = self.albedo * FRAC_1_PI;
-        let sum = |light: &[f32]| light.iter().sum::<f32>() / counted;
-        let ground =
-            |light: &[Vec<f32>; 3]| Vec3::new(sum(&light[0]), sum(&light[1]), sum(&light[2])) * reflected;
-        let grounds: Vec<Vec3> = means.lights.iter().map(ground).collect();
+        let means = self.means(&untouched);
         let steps: [Steps; DIRECTIONS] = std::array::from_fn(|direction| {
             let ahead = ahead(direction);
             // In the picture y runs downwards, on the pad upwards.
@@ -114,8 +122,8 @@ impl Cells<'_> {
         });
         let mut gains = vec![Vec3::ONE; self.cells.len() * films];
         gains.par_chunks_mut(nx * films).enumerate().for_each(|(j, out)| {
-            let (cells, means, grounds, steps, sky) = (self, &means, &grounds[..], &steps, &sky);
-            with_widest(Row { cells, means, grounds, steps, sky, j, out });
+            let (cells, means, steps, untouched) = (self, &means, &steps, &untouched);
+            with_widest(Row { cells, means, steps, untouched, j, out });
         });
         let of_film =
             |film: usize| gains.chunks_exact(nx).skip(film).step_by(films).flatten().copied().collect();
@@ -130,8 +138,7 @@ impl Means {
     }
 
     #[inline(always)]
-    fn light(&self, film: usize, at: usize) -> Vectors {
-        let [x, y, z] = &self.lights[film];
+    fn light([x, y, z]: &[Vec<f32>; 3], at: usize) -> Vectors {
         Vectors { x: Self::eight(x, at), y: Self::eight(y, at), z: Self::eight(z, at) }
     }
 }
@@ -140,21 +147,19 @@ impl Means {
 struct Row<'a, S> {
     cells: &'a Cells<'a>,
     means: &'a Means,
-    /// Radiance of the ground by picture.
-    grounds: &'a [Vec3],
     steps: &'a [Steps; DIRECTIONS],
-    sky: &'a S,
+    untouched: &'a S,
     j: usize,
     out: &'a mut [Vec3],
 }
 
-impl<S: Fn(usize, Vec3) -> [f32; NUMBERS]> Work for Row<'_, S> {
+impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
     type Output = ();
 
     #[inline(always)]
     fn run(mut self) {
         let nx = self.cells.size[0];
-        let films = self.grounds.len();
+        let films = self.means.lights.len();
         let mut sums = vec![Vectors::all(Vec3::ZERO); films];
         let mut skies: Vec<[Eight; NUMBERS]> = Vec::new();
         for i in (0..nx).step_by(WIDTH) {
@@ -189,7 +194,7 @@ impl<S: Fn(usize, Vec3) -> [f32; NUMBERS]> Work for Row<'_, S> {
     }
 }
 
-impl<S: Fn(usize, Vec3) -> [f32; NUMBERS]> Row<'_, S> {
+impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
     /// Follows the profile from eight cells into all directions; what rises above what was seen before takes the place of
     /// sky or ground.
     #[inline(always)]
@@ -232,13 +237,13 @@ impl<S: Fn(usize, Vec3) -> [f32; NUMBERS]> Row<'_, S> {
                 for (film, sum) in sums.iter_mut().enumerate() {
                     let environment =
                         probes::irradiance_of(&skies[film], tilted).scaled(Eight::all(FRAC_1_PI));
-                    let light = means.light(film, k);
-                    let radiance = Vectors {
+                    let scaled = |light: Vectors| Vectors {
                         x: light.x * Eight::all(reflected.x),
                         y: light.y * Eight::all(reflected.y),
                         z: light.z * Eight::all(reflected.z),
                     };
-                    let ground = Vectors::all(self.grounds[film]);
+                    let radiance = scaled(Means::light(&means.lights[film], k));
+                    let ground = scaled(Means::light(&means.grounds[film], k));
                     *sum = *sum
                         + (radiance - environment).scaled(of_sky)
                         + (radiance - ground).scaled(of_ground);
@@ -252,7 +257,7 @@ impl<S: Fn(usize, Vec3) -> [f32; NUMBERS]> Row<'_, S> {
     /// The untouched sensor's indirect light at eight cells, by picture.
     #[inline(never)]
     fn gather(&self, at: usize, lanes: usize, skies: &mut Vec<[Eight; NUMBERS]>) {
-        for film in 0..self.grounds.len() {
+        for film in 0..self.means.lights.len() {
             let mut numbers = [Eight::all(0.0); NUMBERS];
             for lane in 0..lanes {
                 let k = at + lane;
@@ -260,7 +265,7 @@ impl<S: Fn(usize, Vec3) -> [f32; NUMBERS]> Row<'_, S> {
                     continue;
                 }
                 let p = Vec3::new(self.means.places[0][k], self.means.places[1][k], self.means.heights[k]);
-                for (out, number) in numbers.iter_mut().zip((self.sky)(film, p)) {
+                for (out, number) in numbers.iter_mut().zip((self.untouched)(film, p).sky) {
                     out.0[lane] = number;
                 }
             }
@@ -307,7 +312,8 @@ mod tests {
             (0..nx * ny).map(|k| if at(k) > 0.0 { Vec3::ONE } else { Vec3::splat(1e-3) }).collect();
         let lights = [light.clone(), light.iter().map(|l| *l * 2.0).collect()];
         let all = Cells { size: [nx, ny], edge_mm: edge, cells: &cells, lights: &lights, albedo: Vec3::ONE };
-        let gains = all.gains(|_, _| [0.0; NUMBERS]);
+        let dark = |_, _| Untouched { sky: [0.0; NUMBERS], ground: Vec3::ZERO };
+        let gains = all.gains(dark);
         // An endless wall of height h at distance d fills (1 - cos(atan(h/d)))/2 of the floor's view.
         for i in [36, 38] {
             let d = -at(40 * nx + i);
@@ -315,7 +321,7 @@ mod tests {
             // (The change is told as part of the light that is there, which is bounded: brighter ground is changed less.)
             let bright: Vec<Vec3> = light.iter().map(|l| l.max(Vec3::ONE)).collect();
             let lights = [bright];
-            let gain = Cells { lights: &lights, ..all }.gains(|_, _| [0.0; NUMBERS])[0][40 * nx + i].x;
+            let gain = Cells { lights: &lights, ..all }.gains(dark)[0][40 * nx + i].x;
             assert!(((gain - 1.0) / truth - 1.0).abs() < 0.25, "{d}: {gain} {truth}");
         }
         assert!(gains[0][40 * nx + 38].x > 2.9, "what was dark is bounded");

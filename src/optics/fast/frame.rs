@@ -5,7 +5,7 @@
 //! pad's rim, a fold, a wall in front) the pixel is the mean of what its corners see.
 
 use super::Precomputed;
-use super::bounce::{self, Cell, Cells};
+use super::bounce::{self, Cell, Cells, Untouched};
 use super::horizon::Heights;
 use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, with_widest};
 use super::raster::{Sample, corners};
@@ -160,7 +160,12 @@ impl Frame<'_> {
                 1 => std::slice::from_ref(&self.once.total),
                 _ => &self.once.tables.probes[..],
             };
-            let gains = cells.gains(|film, p| grids[film].at(p));
+            let grounds = if lights.len() == 1 { &self.once.grounds[..1] } else { &self.once.grounds[1..] };
+            let gains = cells.gains(|film, p| Untouched {
+                sky: grids[film].at(p),
+                // (Under the table it holds what it has at the untouched face.)
+                ground: Vec3::from(grounds[film].at(p.with_z(f32::MIN))),
+            });
             for (k, (film, gains)) in all.iter_mut().zip(&gains).enumerate() {
                 bounced = self.apply(film, [k, lights.len()], gains, size[0], cell_px);
             }

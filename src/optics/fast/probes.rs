@@ -46,6 +46,12 @@ pub fn terms_of(n: Vectors) -> [Eight; TERMS - 1] {
     ]
 }
 
+/// The irradiance of a normal from a node's numbers.
+pub fn irradiance(numbers: &[f32; NUMBERS], n: Vec3) -> Vec3 {
+    let e = irradiance_of(&numbers.map(Eight::all), n);
+    Vec3::new(e.x.0[0], e.y.0[0], e.z.0[0])
+}
+
 /// The irradiance of one normal at eight places, from their numbers.
 #[inline(always)]
 pub fn irradiance_of(numbers: &[Eight; NUMBERS], n: Vec3) -> Vectors {
@@ -224,8 +230,7 @@ mod tests {
         for n in [Vec3::Z, Vec3::new(0.3, 0.4, 0.8), Vec3::new(-0.5, -0.1, 0.6)] {
             let n = n.normalize();
             let truth = std::f32::consts::PI * (1.0 + 2.0 / 3.0 * (n.y + 0.5 * n.z));
-            let e = irradiance_of(&numbers.map(Eight::all), n);
-            let e = Vec3::new(e.x.0[0], e.y.0[0], e.z.0[0]);
+            let e = irradiance(&numbers, n);
             assert!((e.x / truth - 1.0).abs() < 0.002 && e.x == e.y, "{n} {e} {truth}");
         }
     }
