@@ -36,6 +36,7 @@ pub mod mesh;
 pub mod noise;
 pub mod reference;
 pub mod render_file;
+pub mod reuse;
 pub mod sampler;
 pub mod scene;
 pub mod sensor;

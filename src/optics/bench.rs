@@ -5,6 +5,7 @@
 //! with everything that a changed pad needs anew; what a sensor needs once is told apart.
 
 use super::bench_scene::Variant;
+use super::reuse::{Reuse, Seen};
 use super::trial::{Judge, Press, Trial};
 use super::{Albedo, Error, Film, Material, Mesh, Role, Scene, Surface, fast, reference};
 use glam::Vec3;
@@ -251,6 +252,20 @@ fn effects(settings: &Settings, clock: &Clock) -> Result<Vec<Effect>, Error> {
         "the same on an untouched pad",
         || fast_frame(&once, flat),
         || thorough(&once, flat),
+        apart,
+    )?);
+    let reuse = Reuse::default();
+    let pad = &ball.scene.surfaces[0].mesh;
+    effects.push(clock.compare(
+        "a pad that has not moved since the last picture, rendered again",
+        || {
+            let seen = reuse.or_render(pad, || {
+                let light = fast_frame(&once, &ball.scene)?;
+                Ok::<Seen, Error>(Seen { light, estimated_error: None, sights: Vec::new() })
+            })?;
+            Ok(seen.light.clone())
+        },
+        || fast_frame(&once, &ball.scene),
         apart,
     )?);
     let black = pressed(Variant::Ac, Press::Sphere)?.changed(|s| {

@@ -59,6 +59,8 @@ const DIRECT_LIFT_MM: [f32; 2] = [-0.75, 3.0];
 const PROBE_STEP_MM: f32 = 1.0;
 const PROBE_LIFT_MM: [f32; 2] = [0.0, 2.0];
 const PROBE_LIFT_STEP_MM: f32 = 0.5;
+/// Nodes of the untouched face's light between two of the probes.
+const GROUND_STEPS: usize = 3;
 /// Nodes keep this far from the pad's rim, where walls stand, mm.
 const RIM_MM: f32 = 0.05;
 /// Smallest and largest extent of a pad, mm.
@@ -84,6 +86,8 @@ pub struct Precomputed {
     total: Grid<{ probes::NUMBERS }>,
     /// Indirect light by light in one number for three colours, where nothing in the sensor has a colour.
     greys: Option<Vec<Grid<{ probes::TERMS }>>>,
+    /// Irradiance of the untouched face: of all lights together, and by light.
+    grounds: Vec<Grid<3>>,
     /// What of the fixed parts shows, of all lights together, by corner.
     fixed_total: Vec<Vec3>,
     /// What a plate mirrors into each pixel, and the part of the pad's light that it lets through; empty without one.
@@ -212,6 +216,7 @@ impl Precomputed {
         Self {
             fixed_scene: without_pad_mesh(untouched),
             grain: view.camera.width / untouched.camera.width,
+            grounds: grounds(&sources, &tables, &radiances),
             total: probes::total(&tables.probes, &radiances),
             greys: tables.probes.iter().map(probes::grey).collect(),
             view,
@@ -432,8 +437,10 @@ impl<'a> Renderer<'a> {
             albedo: &self.albedo,
             heights: &self.heights,
             seen: &seen,
+            vertices: &vertices,
             effort: self.effort,
             slots: Slots::new(once.sources.len(), films, varying, once.view.slab.is_some(), grey),
+            level: 0.0,
         };
         let mut pictures = frame.render();
         let grain = once.grain;
@@ -445,6 +452,33 @@ impl<'a> Renderer<'a> {
         }
         pictures
     }
+}
+
+/// Irradiance of the untouched face, of all lights together, and of each alone with radiance 1.
+fn grounds(sources: &[Source], tables: &Tables, radiances: &[Vec3]) -> Vec<Grid<3>> {
+    let places = tables.probes[0].parts().0.face(GROUND_STEPS);
+    let rest_normal = |p: Vec3| tables.probes[0].rest_normal(p);
+    let of_light = |l: usize| -> Vec<[f32; 3]> {
+        let of_place = |k: usize| {
+            let p = places.point(k);
+            let n = rest_normal(p);
+            let phi = match &tables.direct[l] {
+                Some(table) => Vec3::from(table.at(p)),
+                None => tables::arriving(&sources[l], None, p),
+            };
+            let indirect = probes::irradiance(&tables.probes[l].at(p), n);
+            (indirect + phi.dot(n).max(0.0)).to_array()
+        };
+        (0..places.count()).into_par_iter().map(of_place).collect()
+    };
+    let lights: Vec<Vec<[f32; 3]>> = (0..sources.len()).map(of_light).collect();
+    let mut total = vec![[0.0; 3]; places.count()];
+    for (light, radiance) in lights.iter().zip(radiances) {
+        for (sum, e) in total.iter_mut().zip(light) {
+            *sum = (Vec3::from(*sum) + Vec3::from(*e) * *radiance).to_array();
+        }
+    }
+    std::iter::once(total).chain(lights).map(|values| Grid::from_values(places.clone(), values)).collect()
 }
 
 fn unsupported(key: &'static str, value: &str, what: &str) -> Error {

@@ -4,11 +4,12 @@
 //! `ratio` and the automatic exposure follow. Pictures of one imager share their random numbers, so the noise of
 //! the ratio vanishes where nothing moved.
 
+use super::reuse::{Reuse, Seen};
 use super::sensor::{SensorOptics, TextureMode};
 use super::sensor_scene::{face, scene};
 use super::store::Store;
 use super::surface::DisplacedSurface;
-use super::{Error, Film, Scene, Texture, fast, imaging, reference};
+use super::{Error, Film, Role, Scene, Texture, fast, imaging, reference};
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
 use std::time::Instant;
@@ -117,6 +118,8 @@ pub struct Imager {
     untouched_uv: Vec<Option<Vec2>>,
     exposure: f32,
     notices: Vec<Notice>,
+    /// Pictures of pads that may not have moved since.
+    reuse: Arc<Reuse>,
 }
 
 /// What an imager makes of one surface.
@@ -184,6 +187,7 @@ impl Imager {
             untouched_uv: Vec::new(),
             exposure: 1.0,
             notices: Vec::new(),
+            reuse: Arc::default(),
         };
         let rest = imager.scene(&untouched.at_rest())?;
         imager.engine = match method.into() {
@@ -204,12 +208,9 @@ impl Imager {
                 }
             }
         };
-        let (light, sights) = {
-            let renderer = imager.renderer(&rest)?;
-            (renderer.render().0, renderer.sights())
-        };
-        imager.untouched = light;
-        imager.untouched_uv = sights.iter().map(|s| s.map(|s| s.uv)).collect();
+        let seen = imager.seen(&rest)?.0;
+        imager.untouched = seen.light.clone();
+        imager.untouched_uv = seen.sights.iter().map(|s| s.map(|s| s.uv)).collect();
         let target = imager.background.as_ref().map_or(MIDDLE, |b| b.mean().element_sum() / 3.0);
         let mean = imager.untouched.mean().element_sum() / 3.0;
         imager.exposure = match sensor.image.exposure {
@@ -240,17 +241,17 @@ impl Imager {
     pub fn picture(&self, surface: &DisplacedSurface, index: u32) -> Result<Picture, Error> {
         let start = Instant::now();
         let scene = self.scene(surface)?;
-        let renderer = self.renderer(&scene)?;
-        let build_s = start.elapsed().as_secs_f64();
-        let start = Instant::now();
-        let (light, estimated_error) = renderer.render();
-        let sights = renderer.sights();
+        let (seen, made_ready) = self.seen(&scene)?;
+        let made_ready = made_ready.unwrap_or_else(Instant::now);
+        let build_s = made_ready.duration_since(start).as_secs_f64();
+        let Seen { light, estimated_error, sights } = &*seen;
+        let estimated_error = *estimated_error;
         let rgb = match (&self.background, self.sensor.texture) {
             (Some(background), TextureMode::Ratio) => {
-                let relit = self.relight(background, &light, &sights);
+                let relit = self.relight(background, light, sights);
                 imaging::develop(&relit, &self.sensor.image, index)
             }
-            _ => imaging::expose(&light, &self.sensor.image, self.exposure, index),
+            _ => imaging::expose(light, &self.sensor.image, self.exposure, index),
         };
         let depth_mm = sights.iter().map(|s| s.map_or(f32::NAN, |s| s.point.z)).collect();
         let notice = match (&self.engine, estimated_error) {
@@ -259,12 +260,30 @@ impl Imager {
             }
             _ => None,
         };
-        let render_s = start.elapsed().as_secs_f64();
+        let render_s = made_ready.elapsed().as_secs_f64();
+        let light = light.clone();
         Ok(Picture { rgb, light, depth_mm, estimated_error, notice, build_s, render_s })
     }
 
     fn scene(&self, surface: &DisplacedSurface) -> Result<Scene, Error> {
         scene(&self.sensor, &face(&self.sensor, surface), self.background.as_ref())
+    }
+
+    /// The light on a pad and what pixels see of it, and when the pad was ready to be rendered; None where it has not moved
+    /// and was not rendered again.
+    fn seen(&self, scene: &Scene) -> Result<(Arc<Seen>, Option<Instant>), Error> {
+        let mut ready = None;
+        let mut render = || {
+            let renderer = self.renderer(scene)?;
+            ready = Some(Instant::now());
+            let (light, estimated_error) = renderer.render();
+            Ok(Seen { light, estimated_error, sights: renderer.sights() })
+        };
+        let seen = match scene.surface(Role::Pad) {
+            Some(pad) => self.reuse.or_render(&pad.mesh, render)?,
+            None => Arc::new(render()?),
+        };
+        Ok((seen, ready))
     }
 
     fn renderer(&self, scene: &Scene) -> Result<Ready<'_>, Error> {

@@ -101,6 +101,25 @@ impl Grid {
         8 * self.nx * self.ny * self.hz.len()
     }
 
+    /// Open knots through the depth, from the base up.
+    pub fn knots_z(&self) -> Vec<f64> {
+        open_knots(&self.hz)
+    }
+
+    /// The first control layer and the three weights of a height above the base.
+    pub fn values_z(&self, z: f64) -> (usize, [f64; 3]) {
+        let knots = self.knots_z();
+        let cell = (0..self.hz.len()).rfind(|c| knots[c + 2] <= z).unwrap_or(0);
+        (cell, open_values(&knots, cell, z).0)
+    }
+
+    /// As [`Self::trace`] for a coordinate counted from the pad's side, the outer cells continued beyond it.
+    pub fn extended_trace(x: f64, size: f64, n: usize) -> (usize, [f64; 3]) {
+        let s = x / size * n as f64;
+        let cell = (s.max(0.0) as usize).min(n - 1);
+        (cell, uniform_values(s - cell as f64))
+    }
+
     /// The first control index and the three weights of the face's trace along one axis at coordinate
     /// `x` of a pad of extent `size` and `n` cells.
     pub fn trace(x: f64, size: f64, n: usize) -> (usize, [f64; 3]) {
@@ -124,34 +143,44 @@ fn uniform_basis(h: f64) -> CellBasis {
     basis
 }
 
-/// Quadratic splines on open knots whose spans are `spans`.
-fn open_basis(spans: &[f64]) -> Vec<CellBasis> {
+/// Open knots with the given spans.
+fn open_knots(spans: &[f64]) -> Vec<f64> {
     let mut knots = vec![0.0; 3];
     for s in spans {
         knots.push(knots[knots.len() - 1] + s);
     }
     let end = knots[knots.len() - 1];
     knots.extend([end, end]);
+    knots
+}
+
+/// Values and slopes at `x` of the three quadratic splines of a cell.
+fn open_values(knots: &[f64], cell: usize, x: f64) -> ([f64; 3], [f64; 3]) {
     let ratio = |a: f64, b: f64| if b > 0.0 { a / b } else { 0.0 };
+    let i = cell + 2;
+    // Cox-de Boor: linear splines of this span, then quadratic ones.
+    let span = knots[i + 1] - knots[i];
+    let n1 = [ratio(knots[i + 1] - x, span), ratio(x - knots[i], span)];
+    let (w0, w1) = (knots[i + 1] - knots[i - 1], knots[i + 2] - knots[i]);
+    let value = [
+        ratio(knots[i + 1] - x, w0) * n1[0],
+        ratio(x - knots[i - 1], w0) * n1[0] + ratio(knots[i + 2] - x, w1) * n1[1],
+        ratio(x - knots[i], w1) * n1[1],
+    ];
+    let slope =
+        [-2.0 * ratio(n1[0], w0), 2.0 * ratio(n1[0], w0) - 2.0 * ratio(n1[1], w1), 2.0 * ratio(n1[1], w1)];
+    (value, slope)
+}
+
+/// Quadratic splines on open knots whose spans are `spans`, at the Gauss points of every cell.
+fn open_basis(spans: &[f64]) -> Vec<CellBasis> {
+    let knots = open_knots(spans);
     (0..spans.len())
         .map(|cell| {
-            let i = cell + 2;
             let mut basis = CellBasis::default();
             for (g, &t) in GAUSS.iter().enumerate() {
-                let x = knots[i] + t * spans[cell];
-                // Cox-de Boor: linear splines of this span, then quadratic ones.
-                let n1 = [ratio(knots[i + 1] - x, spans[cell]), ratio(x - knots[i], spans[cell])];
-                let (w0, w1) = (knots[i + 1] - knots[i - 1], knots[i + 2] - knots[i]);
-                basis.value[g] = [
-                    ratio(knots[i + 1] - x, w0) * n1[0],
-                    ratio(x - knots[i - 1], w0) * n1[0] + ratio(knots[i + 2] - x, w1) * n1[1],
-                    ratio(x - knots[i], w1) * n1[1],
-                ];
-                basis.slope[g] = [
-                    -2.0 * ratio(n1[0], w0),
-                    2.0 * ratio(n1[0], w0) - 2.0 * ratio(n1[1], w1),
-                    2.0 * ratio(n1[1], w1),
-                ];
+                (basis.value[g], basis.slope[g]) =
+                    open_values(&knots, cell, knots[cell + 2] + t * spans[cell]);
             }
             basis
         })

@@ -1,12 +1,12 @@
 //! The undeformed pad inverted: the preconditioner of the solver.
 //!
-//! On a torus (the pad's control lattice, closed on itself in x and y) the stiffness of the bonded layer at
-//! rest does not depend on where one stands, so sines and cosines in the plane decouple it into one small
-//! banded system through the depth for each pair of wave numbers. Displacements u_x are odd where u_z is
-//! even, so with the partner waves exchanged (sin for cos, -cos for sin) each system is real and symmetric:
-//! the classic treatment of layered media. At these sizes (tens to a hundred wave numbers) a dense matrix
-//! is the fastest transform. The free sides of the pad, which the torus does not have, are met by scaling
-//! the outermost control points with the square root of the support they lose.
+//! A rectangular layer whose sides are held as Navier held the edges of a plate, displacements along a side zero and
+//! the one across it free, is decoupled by sines and cosines in the plane: u_z and u_y run as sines along x, u_x as
+//! cosines (the partners), and likewise along y. One small banded system through the depth is left for each pair of
+//! wave numbers, real and symmetric. At these sizes (tens to a hundred wave numbers) a dense matrix is the fastest
+//! transform. The pad's own sides are free. They differ in shear alone, which is soft: the stress across such a side is
+//! zero as it is across a free one, so that a nearly incompressible pad can give way to all sides as it should. (On a
+//! torus it cannot, and the iterations grow with lambda over mu: at nu 0.45 three times, at 0.49 beyond count.)
 //!
 //! Contact springs enter by the Woodbury formula, see `springs`.
 
@@ -14,14 +14,14 @@ use super::grid::{CellBasis, Grid};
 use super::lanes::{Kernel, Lanes, WIDTH, dispatch};
 use super::operator::evenness;
 use rayon::prelude::*;
-use std::f64::consts::TAU;
+use std::f64::consts::PI;
 
 /// Half bandwidth of a mode's system: two control layers of three components.
 const BAND: usize = 8;
 /// Most unknowns of a mode's system.
 const MOST_ROWS: usize = 192;
 
-/// The inverse of the rest-state operator on the torus.
+/// The inverse of the rest-state operator, its sides held along themselves.
 #[derive(Debug)]
 pub struct RestLayer {
     cx: usize,
@@ -33,19 +33,15 @@ pub struct RestLayer {
     y: Waves,
     /// `[theta_y][block of x modes][row][BAND + 1][WIDTH]`: 1/d, then l of the columns before.
     factors: Vec<f32>,
-    /// Scaling of the outermost control points along x and y.
-    edge_x: Vec<f32>,
-    edge_y: Vec<f32>,
 }
 
-/// Orthonormal real waves on n points and their partners, with padded rows: `[odd][transposed]`.
+/// Orthonormal sines on n points, half a step from the ends of the period, and the cosines that are their partners, with
+/// padded rows.
 #[derive(Debug)]
 struct Waves {
     n: usize,
     stride: usize,
-    /// Wave number of each mode.
-    number: Vec<usize>,
-    /// `forward[odd]`: mode rows over point columns; `back[odd]`: point rows over mode columns.
+    /// `forward[partner]`: mode rows over point columns; `back[partner]`: point rows over mode columns.
     forward: [Vec<f32>; 2],
     back: [Vec<f32>; 2],
 }
@@ -53,23 +49,15 @@ struct Waves {
 impl Waves {
     fn new(n: usize) -> Self {
         let stride = n.div_ceil(WIDTH) * WIDTH;
-        let half = n / 2;
-        let mut number: Vec<usize> = (0..=half).collect();
-        number.extend(1..n.div_ceil(2));
-        let alone = |t: usize| t == 0 || 2 * t == n;
         let wave = |m: usize, i: usize, odd: bool| {
-            let t = number[m];
-            let angle = TAU * (t * i % n) as f64 / n as f64;
-            let first = m <= half;
-            if alone(t) {
-                return angle.cos() / (n as f64).sqrt();
-            }
+            let angle = PI * (m + 1) as f64 * (i as f64 + 0.5) / n as f64;
             let norm = (2.0 / n as f64).sqrt();
-            match (first, odd) {
-                (true, false) => norm * angle.cos(),
-                (true, true) => norm * angle.sin(),
+            match (m + 1 == n, odd) {
                 (false, false) => norm * angle.sin(),
                 (false, true) => -norm * angle.cos(),
+                (true, false) => angle.sin() / (n as f64).sqrt(),
+                // Its partner would be zero everywhere: the constant takes its place.
+                (true, true) => -1.0 / (n as f64).sqrt(),
             }
         };
         let table = |odd: bool, transposed: bool| {
@@ -87,8 +75,15 @@ impl Waves {
             stride,
             forward: [table(false, false), table(true, false)],
             back: [table(false, true), table(true, true)],
-            number,
         }
+    }
+
+    /// Symbols of a mode's sines, and of their partners.
+    fn symbols(&self, basis: &CellBasis, h: f64, m: usize) -> [[Symbol; 2]; 2] {
+        let theta = PI * (m + 1) as f64 / self.n as f64;
+        let even = symbols(basis, h, theta);
+        let odd = if m + 1 == self.n { symbols(basis, h, 0.0) } else { even };
+        [even, odd]
     }
 }
 
@@ -137,31 +132,19 @@ impl RestLayer {
         assert!(rows <= MOST_ROWS, "a grid has at most {} layers", MOST_ROWS / 3);
         let blocks = x.stride / WIDTH;
         let per_block = rows * (BAND + 1) * WIDTH;
-        let wave_numbers_y = y.n / 2 + 1;
-        let mut factors = vec![0.0; wave_numbers_y * blocks * per_block];
-        factors.par_chunks_mut(blocks * per_block).enumerate().for_each(|(ty, out)| {
-            let sy = symbols(&grid.y, grid.hy, TAU * ty as f64 / y.n as f64);
-            for tx in 0..=x.n / 2 {
-                let sx = symbols(&grid.x, grid.hx, TAU * tx as f64 / x.n as f64);
+        let mut factors = vec![0.0; y.n * blocks * per_block];
+        factors.par_chunks_mut(blocks * per_block).enumerate().for_each(|(my, out)| {
+            let sy = y.symbols(&grid.y, grid.hy, my);
+            for mx in 0..x.n {
+                let sx = x.symbols(&grid.x, grid.hx, mx);
                 let factor = factor_mode(grid, mu, lambda, evenness, &sx, &sy);
-                // The same system serves cos and sin.
-                for m in (0..x.n).filter(|m| x.number[*m] == tx) {
-                    let base = (m / WIDTH) * per_block + m % WIDTH;
-                    for (n, f) in factor.iter().enumerate() {
-                        out[base + n * WIDTH] = *f as f32;
-                    }
+                let base = (mx / WIDTH) * per_block + mx % WIDTH;
+                for (n, f) in factor.iter().enumerate() {
+                    out[base + n * WIDTH] = *f as f32;
                 }
             }
         });
-        let edge = |n: usize| {
-            let mut e = vec![1.0; n];
-            e[0] = OUTER_SCALE;
-            e[n - 1] = OUTER_SCALE;
-            e[1] = INNER_SCALE;
-            e[n - 2] = INNER_SCALE;
-            e
-        };
-        Self { cx: x.n, cy: y.n, sx: x.stride, layers, edge_x: edge(x.n), edge_y: edge(y.n), x, y, factors }
+        Self { cx: x.n, cy: y.n, sx: x.stride, layers, x, y, factors }
     }
 
     fn plane(&self) -> usize {
@@ -173,7 +156,7 @@ impl RestLayer {
         3 * (self.layers - 1) * self.plane()
     }
 
-    /// Transforms a field to wave space and solves every mode; edges are scaled.
+    /// Transforms a field to wave space and solves every mode.
     pub fn solve_to_waves(&self, r: &[f32], waves: &mut [f32]) {
         let n = self.cx * self.cy;
         let depth = self.layers - 1;
@@ -204,6 +187,19 @@ impl RestLayer {
         });
     }
 
+    /// Response of the face, `[component][y mode][x mode]`, to a unit load of component `c` in every mode.
+    pub fn face_modes(&self, c: usize) -> [Vec<f32>; 3] {
+        let depth = self.layers - 1;
+        let mut waves = vec![0.0; self.waves_len()];
+        let top = |c: usize| (c * depth + depth - 1) * self.plane();
+        waves[top(c)..top(c) + self.plane()].fill(1.0);
+        self.solve_modes(&mut waves, depth - 1);
+        std::array::from_fn(|d| {
+            let rows = waves[top(d)..top(d) + self.plane()].chunks(self.sx);
+            rows.flat_map(|row| row[..self.cx].iter().copied()).collect()
+        })
+    }
+
     /// The face of a solution in wave space: three planes of control values.
     pub fn face(&self, waves: &[f32], face: &mut [f32]) {
         let n = self.cx * self.cy;
@@ -211,17 +207,6 @@ impl RestLayer {
         for c in 0..3 {
             let from = &waves[(c * depth + depth - 1) * self.plane()..][..self.plane()];
             self.plane_from_waves(c, from, &mut face[c * n..(c + 1) * n]);
-        }
-    }
-
-    /// Takes the edge scaling out of three planes of control values.
-    pub fn unscale_face(&self, face: &mut [f32]) {
-        for plane in face.chunks_mut(self.cx * self.cy) {
-            for (row, ey) in plane.chunks_mut(self.cx).zip(&self.edge_y) {
-                for (v, ex) in row.iter_mut().zip(&self.edge_x) {
-                    *v /= ex * ey;
-                }
-            }
         }
     }
 
@@ -242,10 +227,8 @@ impl RestLayer {
 
     fn plane_to_waves(&self, c: usize, from: &[f32], out: &mut [f32]) {
         let mut padded = vec![0.0; self.plane()];
-        for (j, (to, from)) in padded.chunks_mut(self.sx).zip(from.chunks(self.cx)).enumerate() {
-            for ((t, f), e) in to.iter_mut().zip(from).zip(&self.edge_x) {
-                *t = f * e * self.edge_y[j];
-            }
+        for (to, from) in padded.chunks_mut(self.sx).zip(from.chunks(self.cx)) {
+            to[..self.cx].copy_from_slice(from);
         }
         let (odd_x, odd_y) = (usize::from(c == 0), usize::from(c == 1));
         let mut half = vec![0.0; self.plane()];
@@ -261,10 +244,8 @@ impl RestLayer {
         let (n, s) = (self.cy, self.sx);
         multiply(&self.y.back[odd_y], self.y.stride, from, s, &mut half, n, n, s);
         multiply(&half, s, &self.x.forward[odd_x], s, &mut padded, n, self.cx, s);
-        for (j, (to, from)) in out.chunks_mut(self.cx).zip(padded.chunks(s)).enumerate() {
-            for ((t, f), e) in to.iter_mut().zip(from).zip(&self.edge_x) {
-                *t = f * e * self.edge_y[j];
-            }
+        for (to, from) in out.chunks_mut(self.cx).zip(padded.chunks(s)) {
+            to.copy_from_slice(&from[..self.cx]);
         }
     }
 
@@ -281,18 +262,11 @@ impl RestLayer {
         let blocks = self.sx / WIDTH;
         let per_block = 3 * depth * (BAND + 1) * WIDTH;
         rows.into_par_iter().enumerate().for_each(|(m, row)| {
-            let t = self.y.number[m];
-            let factors = &self.factors[t * blocks * per_block..][..blocks * per_block];
+            let factors = &self.factors[m * blocks * per_block..][..blocks * per_block];
             dispatch(SolveRow { row, factors, depth, from });
         });
     }
 }
-
-/// Scale of the first and second control point beside a free side: the splines there keep 1/9 of their
-/// mass and 1/3 of their stiffness (found by experiment between the two square roots).
-const OUTER_SCALE: f32 = 2.2;
-/// See [`OUTER_SCALE`].
-const INNER_SCALE: f32 = 1.1;
 
 /// Assembles and factors (L D L^T) one mode. Row order: layer, then component.
 fn factor_mode(
@@ -300,8 +274,8 @@ fn factor_mode(
     mu: f64,
     lambda: f64,
     evenness: f64,
-    sx: &[Symbol; 2],
-    sy: &[Symbol; 2],
+    sx: &[[Symbol; 2]; 2],
+    sy: &[[Symbol; 2]; 2],
 ) -> Vec<f64> {
     let layers = grid.layers();
     let rows = 3 * (layers - 1);
@@ -322,13 +296,19 @@ fn factor_mode(
                 let vd = full(&|g| basis.value[g][p] * basis.slope[g][q]);
                 let (m1, s1) = (h * mean_v[p] * mean_v[q], h * mean_d[p] * mean_d[q]);
                 let (dv1, vd1) = (h * mean_d[p] * mean_v[q], h * mean_v[p] * mean_d[q]);
-                let ([x, x1], [y, y1]) = (sx, sy);
+                let ([[x, x1], [ox, ox1]], [[y, y1], [oy, oy1]]) = (sx, sy);
                 // Volume: cell means carry lambda less what levels volume out, full quadrature carries that.
                 let (mean, even) = (lambda - evenness, evenness);
-                let shear = mu * (x.stiffness * y.mass * m + x.mass * y.stiffness * m + x.mass * y.mass * s);
-                let xx = mean * x1.stiffness * y1.mass * m1 + (even + mu) * x.stiffness * y.mass * m + shear;
-                let yy = mean * x1.mass * y1.stiffness * m1 + (even + mu) * x.mass * y.stiffness * m + shear;
-                let zz = mean * x1.mass * y1.mass * s1 + (even + mu) * x.mass * y.mass * s + shear;
+                let shear = |x: &Symbol, y: &Symbol| {
+                    mu * (x.stiffness * y.mass * m + x.mass * y.stiffness * m + x.mass * y.mass * s)
+                };
+                let xx = mean * ox1.stiffness * y1.mass * m1
+                    + (even + mu) * ox.stiffness * y.mass * m
+                    + shear(ox, y);
+                let yy = mean * x1.mass * oy1.stiffness * m1
+                    + (even + mu) * x.mass * oy.stiffness * m
+                    + shear(x, oy);
+                let zz = mean * x1.mass * y1.mass * s1 + (even + mu) * x.mass * y.mass * s + shear(x, y);
                 let xy = mean * x1.cross * y1.cross * m1 + (even + mu) * x.cross * y.cross * m;
                 let xz = x.cross * y.mass * (mu * dv - even * vd) - mean * x1.cross * y1.mass * vd1;
                 let yz = x.mass * y.cross * (mu * dv - even * vd) - mean * x1.mass * y1.cross * vd1;

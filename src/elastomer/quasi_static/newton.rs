@@ -16,6 +16,8 @@ use rayon::prelude::*;
 
 /// Newton iterations before a solve is given up.
 const MOST_ITERATIONS: u32 = 40;
+/// Reduction of the residual with which an inner iteration may end.
+const LOOSEST: f64 = 0.1;
 /// Tangent applications in one Newton iteration.
 const MOST_PASSES: u32 = 150;
 
@@ -35,8 +37,11 @@ pub struct Machine {
 pub struct Newton {
     tangent: Tangent,
     springs: Springs,
+    /// Internal forces, and what the contact forces leave of them.
+    elastic: Vec<f32>,
     residual: Vec<f32>,
     trial: Vec<f32>,
+    trial_elastic: Vec<f32>,
     trial_residual: Vec<f32>,
     step: Vec<f32>,
     r: Vec<f32>,
@@ -74,8 +79,6 @@ pub struct Problem<'a> {
     pub indenter: &'a dyn Indenter,
     /// Its pose.
     pub pose: &'a Pose,
-    /// Residual to reach, relative to the contact forces.
-    pub tolerance: f64,
     /// Forces below this count as this, N.
     pub least_force: f64,
 }
@@ -89,23 +92,19 @@ impl Newton {
     /// Predicts the displacement at a new pose: one linear solve in which what touches keeps touching.
     pub fn predict(&mut self, problem: &Problem<'_>, contacts: &mut Contacts, u: &mut Vec<f32>) {
         let grid = problem.machine.operator.grid();
-        for v in [&mut self.residual, &mut self.trial_residual, &mut self.step] {
-            v.resize(grid.field_len(), 0.0);
-        }
-        let mut residual = std::mem::take(&mut self.residual);
         contacts.set_bilateral(true);
-        let state = self.measure(problem, contacts, u, &mut residual);
+        let state = self.begin(problem, contacts, u);
         if state.valid() {
             self.iterations += 1;
             self.springs.update(grid, &problem.machine.green, contacts);
-            self.direction(problem, contacts, &residual, 0.1);
+            self.direction(problem, contacts, 0.1);
             let mut trial = std::mem::take(&mut self.trial);
             let mut part = 1.0;
             for _ in 0..4 {
                 trial.clear();
                 trial.extend(u.iter().zip(&self.step).map(|(u, s)| u + part * s));
-                let state = problem.machine.operator.evaluate(&trial, &mut residual, &mut self.tangent);
-                if state.least_volume > 0.1 {
+                let least = problem.machine.operator.evaluate(&trial, &mut self.elastic, &mut self.tangent);
+                if least.least_volume > 0.1 {
                     std::mem::swap(u, &mut trial);
                     break;
                 }
@@ -114,94 +113,99 @@ impl Newton {
             self.trial = trial;
         }
         contacts.set_bilateral(false);
-        self.residual = residual;
     }
 
     /// Least volume ratio at displacement `u`.
     pub fn least_volume(&mut self, operator: &Operator, u: &[f32]) -> f32 {
-        self.trial_residual.resize(operator.grid().field_len(), 0.0);
-        operator.evaluate(u, &mut self.trial_residual, &mut self.tangent).least_volume
+        self.trial_elastic.resize(operator.grid().field_len(), 0.0);
+        operator.evaluate(u, &mut self.trial_elastic, &mut self.tangent).least_volume
     }
 
-    /// Solves for the displacement, beginning at `u`.
-    pub fn solve(&mut self, problem: &Problem<'_>, contacts: &mut Contacts, u: &mut Vec<f32>) -> Outcome {
-        let grid = problem.machine.operator.grid();
-        let n = grid.field_len();
-        for v in [&mut self.residual, &mut self.trial_residual, &mut self.step] {
+    /// Forces at `u`, from which [`Self::solve`] goes on.
+    pub fn begin(&mut self, problem: &Problem<'_>, contacts: &mut Contacts, u: &[f32]) -> State {
+        let n = problem.machine.operator.grid().field_len();
+        for v in [&mut self.elastic, &mut self.residual, &mut self.step] {
             v.resize(n, 0.0);
         }
-        let mut residual = std::mem::take(&mut self.residual);
-        let mut state = self.measure(problem, contacts, u, &mut residual);
-        let mut outcome = Outcome {
-            converged: false,
-            residual: state.relative,
-            iterations: 0,
-            evaluation: state.evaluation,
-            base_force: state.base_force,
-        };
-        let mut forcing = 0.2;
-        while outcome.iterations < MOST_ITERATIONS {
-            outcome.residual = state.relative;
-            outcome.evaluation = state.evaluation;
-            outcome.base_force = state.base_force;
-            if state.relative <= problem.tolerance {
-                outcome.converged = true;
-                break;
-            }
-            if !state.valid() {
-                break;
-            }
-            outcome.iterations += 1;
-            self.iterations += 1;
-            self.springs.update(grid, &problem.machine.green, contacts);
-            let goal = f64::max(forcing, 0.3 * problem.tolerance / state.relative);
-            self.direction(problem, contacts, &residual, goal);
-            let before = state.relative;
-            let Some(next) = self.search(problem, contacts, u, &mut residual) else { break };
-            state = next;
-            // Eisenstat and Walker's second choice keeps the inner effort in step with progress.
-            forcing = (0.9 * (state.relative / before).powi(2)).clamp(0.02, 0.2);
+        for v in [&mut self.trial_elastic, &mut self.trial_residual] {
+            v.resize(n, 0.0);
         }
+        let mut elastic = std::mem::take(&mut self.elastic);
+        let mut residual = std::mem::take(&mut self.residual);
+        let state = self.measure(problem, contacts, u, &mut elastic, &mut residual);
+        self.elastic = elastic;
         self.residual = residual;
-        outcome
+        state
     }
 
-    /// Residual (internal minus contact forces) at `u`.
+    /// Forces at the same `u` after the contacts' multipliers, anchors or bounds have changed.
+    pub fn rebalance(
+        &mut self,
+        problem: &Problem<'_>,
+        contacts: &mut Contacts,
+        u: &[f32],
+        state: &mut State,
+    ) {
+        state.relative = balance(problem, contacts, u, &self.elastic, &mut self.residual);
+    }
+
+    /// Takes Newton steps from `u`, whose forces are `state`, until the residual is below `goal`.
+    pub fn solve(
+        &mut self,
+        problem: &Problem<'_>,
+        contacts: &mut Contacts,
+        u: &mut Vec<f32>,
+        state: &mut State,
+        goal: f64,
+    ) -> Outcome {
+        let grid = problem.machine.operator.grid();
+        let mut iterations = 0;
+        let mut forcing = LOOSEST;
+        while state.relative > goal && iterations < MOST_ITERATIONS && state.valid() {
+            iterations += 1;
+            self.iterations += 1;
+            self.springs.update(grid, &problem.machine.green, contacts);
+            self.direction(problem, contacts, f64::max(forcing, 0.3 * goal / state.relative));
+            let before = state.relative;
+            let Some(next) = self.search(problem, contacts, u) else { break };
+            *state = next;
+            // Eisenstat and Walker's second choice keeps the inner effort in step with progress.
+            forcing = (0.9 * (state.relative / before).powi(2)).clamp(0.02, LOOSEST);
+        }
+        Outcome {
+            converged: state.relative <= goal,
+            residual: state.relative,
+            iterations,
+            evaluation: state.evaluation,
+            base_force: state.base_force,
+        }
+    }
+
+    /// Forces at `u`: internal ones in `elastic`, and in `residual` what the contact leaves of them.
     fn measure(
         &mut self,
         problem: &Problem<'_>,
         contacts: &mut Contacts,
         u: &[f32],
+        elastic: &mut [f32],
         residual: &mut [f32],
     ) -> State {
         let op = &problem.machine.operator;
         let grid = op.grid();
-        let evaluation = op.evaluate(u, residual, &mut self.tangent);
-        contacts.linearise(problem.indenter, problem.pose, u);
+        let evaluation = op.evaluate(u, elastic, &mut self.tangent);
         let plane = grid.plane();
         let base = grid.at(2, 0);
-        let base_force: f64 = residual[base..base + plane].iter().map(|v| f64::from(*v)).sum();
+        let base_force: f64 = elastic[base..base + plane].iter().map(|v| f64::from(*v)).sum();
         for c in 0..3 {
             let at = grid.at(c, 0);
-            residual[at..at + plane].fill(0.0);
+            elastic[at..at + plane].fill(0.0);
         }
-        // The scale of the problem is the contact force as it sits on the control points of the face.
-        let top = grid.layers() - 1;
-        let mut scale = 0.0;
-        let before: Vec<f32> = (0..3).flat_map(|c| residual[grid.at(c, top)..][..plane].to_vec()).collect();
-        contacts.subtract_forces(residual);
-        for c in 0..3 {
-            for (a, b) in residual[grid.at(c, top)..][..plane].iter().zip(&before[c * plane..]) {
-                scale += f64::from(a - b).powi(2);
-            }
-        }
-        let norm = dot(residual, residual).sqrt();
-        let relative = norm / scale.sqrt().max(problem.least_force);
+        let relative = balance(problem, contacts, u, elastic, residual);
         State { evaluation, relative, base_force }
     }
 
     /// Conjugate gradients for `step` = -K^-1 residual, to a relative reduction `goal`.
-    fn direction(&mut self, problem: &Problem<'_>, contacts: &Contacts, residual: &[f32], goal: f64) {
+    fn direction(&mut self, problem: &Problem<'_>, contacts: &Contacts, goal: f64) {
         let (op, layer) = (&problem.machine.operator, &problem.machine.layer);
         let grid = op.grid();
         let n = grid.field_len();
@@ -209,7 +213,7 @@ impl Newton {
             v.resize(n, 0.0);
         }
         self.step.fill(0.0);
-        for (r, v) in self.r.iter_mut().zip(residual) {
+        for (r, v) in self.r.iter_mut().zip(&self.residual) {
             *r = -v;
         }
         self.springs.apply(grid, layer, &self.r, &mut self.z);
@@ -247,25 +251,20 @@ impl Newton {
     }
 
     /// Moves `u` along the step to where the directional derivative has fallen enough.
-    fn search(
-        &mut self,
-        problem: &Problem<'_>,
-        contacts: &mut Contacts,
-        u: &mut Vec<f32>,
-        residual: &mut Vec<f32>,
-    ) -> Option<State> {
-        let slope0 = dot(residual, &self.step);
-        let norm0 = dot(residual, residual);
+    fn search(&mut self, problem: &Problem<'_>, contacts: &mut Contacts, u: &mut Vec<f32>) -> Option<State> {
+        let slope0 = dot(&self.residual, &self.step);
+        let norm0 = dot(&self.residual, &self.residual);
         let (mut low, mut slope_low, mut high) = (0.0, slope0, None::<(f64, f64)>);
         let mut moved_low = false;
         let mut alpha = 1.0;
         let mut trial = std::mem::take(&mut self.trial);
+        let mut trial_elastic = std::mem::take(&mut self.trial_elastic);
         let mut trial_residual = std::mem::take(&mut self.trial_residual);
         let mut found = None;
         for attempt in 0..12 {
             trial.clear();
             trial.extend(u.iter().zip(&self.step).map(|(u, s)| u + alpha as f32 * s));
-            let state = self.measure(problem, contacts, &trial, &mut trial_residual);
+            let state = self.measure(problem, contacts, &trial, &mut trial_elastic, &mut trial_residual);
             if !state.valid() {
                 high = None;
                 alpha = low + 0.4 * (alpha - low);
@@ -301,23 +300,54 @@ impl Newton {
         }
         if found.is_some() {
             std::mem::swap(u, &mut trial);
-            std::mem::swap(residual, &mut trial_residual);
+            std::mem::swap(&mut self.elastic, &mut trial_elastic);
+            std::mem::swap(&mut self.residual, &mut trial_residual);
         }
         self.trial = trial;
+        self.trial_elastic = trial_elastic;
         self.trial_residual = trial_residual;
         found
     }
 }
 
-#[derive(Clone, Copy)]
-struct State {
-    evaluation: Evaluation,
-    relative: f64,
-    base_force: f64,
+/// Residual of the contact forces against `elastic`, relative to the contact forces as they sit on the
+/// control points of the face.
+fn balance(
+    problem: &Problem<'_>,
+    contacts: &mut Contacts,
+    u: &[f32],
+    elastic: &[f32],
+    residual: &mut [f32],
+) -> f64 {
+    let grid = problem.machine.operator.grid();
+    contacts.linearise(problem.indenter, problem.pose, u);
+    residual.copy_from_slice(elastic);
+    contacts.subtract_forces(residual);
+    let (top, plane) = (grid.layers() - 1, grid.plane());
+    let mut scale = 0.0;
+    for c in 0..3 {
+        let at = grid.at(c, top);
+        for (a, b) in residual[at..at + plane].iter().zip(&elastic[at..at + plane]) {
+            scale += f64::from(a - b).powi(2);
+        }
+    }
+    dot(residual, residual).sqrt() / scale.sqrt().max(problem.least_force)
+}
+
+/// Where the iteration stands.
+#[derive(Debug, Clone, Copy)]
+pub struct State {
+    /// Energy and least volume.
+    pub evaluation: Evaluation,
+    /// Residual relative to the contact forces.
+    pub relative: f64,
+    /// Force of the pad on the base along z, N.
+    pub base_force: f64,
 }
 
 impl State {
-    fn valid(&self) -> bool {
+    /// Whether all points have volume and all forces are numbers.
+    pub fn valid(&self) -> bool {
         self.evaluation.least_volume > LEAST_VOLUME && self.relative.is_finite()
     }
 }

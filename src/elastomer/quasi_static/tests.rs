@@ -1,7 +1,10 @@
 //! Physics of the quasi-static solver against other people's numbers.
 
+use super::grid::Grid;
+use super::layer::RestLayer;
+use super::operator::Operator;
 use super::*;
-use crate::elastomer::{Law, Material};
+use crate::elastomer::{ContactForces, Law, Material};
 use glam::DVec3;
 
 /// A sphere whose lowest point is the tip.
@@ -95,12 +98,12 @@ fn solver(friction: Friction, indenter: Arc<dyn Indenter>, law: Law) -> QuasiSta
 
 /// Displacement of the face at rest position (x, y), mm.
 fn displacement(s: &QuasiStaticSolver, x: f64, y: f64) -> DVec3 {
-    let grid = s.machine.operator.grid();
+    let grid = s.finest().grid();
     let (i, wx) = Grid::trace(x, grid.size[0], grid.nx);
     let (j, wy) = Grid::trace(y, grid.size[1], grid.ny);
     let mut out = [0.0; 3];
     for (c, o) in out.iter_mut().enumerate() {
-        let plane = &s.u[grid.at(c, grid.layers() - 1)..];
+        let plane = &s.finest().displacement()[grid.at(c, grid.layers() - 1)..];
         for b in 0..3 {
             for a in 0..3 {
                 *o += wx[a] * wy[b] * f64::from(plane[(j + b) * grid.cx() + i + a]);

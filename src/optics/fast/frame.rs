@@ -4,7 +4,8 @@
 //! diagonals is the mean over the pixel, whatever the mesh does within. Where the corners see different things (the
 //! pad's rim, a fold, a wall in front) the pixel is the mean of what its corners see.
 
-use super::bounce::{self, Cell, Cells};
+use super::Precomputed;
+use super::bounce::{self, Cell, Cells, Untouched};
 use super::horizon::Heights;
 use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, with_widest};
 use super::raster::{Sample, corners};
@@ -12,7 +13,6 @@ use super::shade::Block;
 use super::slots::{POSITION, Slots};
 use super::source::{COARSE, LINES, Line};
 use super::vector::{irradiance, quadrilateral};
-use super::{Precomputed, probes};
 use crate::optics::{Albedo, Film, Mesh};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -28,6 +28,18 @@ const BENT: f32 = 0.03;
 const CELL_MM: f32 = 0.26;
 /// A pixel over which the ground's slope changes by more is looked at in its corners.
 const CREASE: f32 = 0.2;
+/// 1/sqrt(3).
+const RMS: f32 = 0.577_350_3;
+/// Samples along the edge of a pixel over a crease.
+const GRID: usize = 4;
+/// Among corners that lie alike the nearest counts: what a pixel's square of distance is worth in the cosine.
+const NEARNESS: f32 = 0.01;
+/// Variance of the mean of that many samples as part of their own: of an edge they err by N^(-3/4).
+const SAMPLED_ERROR: f64 = 1.0 / (GRID * GRID * GRID) as f64;
+/// The same for the four corners, which are shared with the neighbours.
+const CORNERED_ERROR: f64 = 0.25;
+/// Pixels that see parts of the pad farther apart, in quads, are the mean of their corners.
+const MOST_QUADS: usize = 24;
 /// Where a pixel's corners differ in height by more than this many pixels, they see different things.
 const STEEPEST: f32 = 8.0;
 
@@ -38,8 +50,11 @@ pub struct Effort {
     pub cell: f32,
     /// No block is larger, mm.
     pub block_mm: f32,
-    /// No block with a shadow's edge is larger, mm.
+    /// No block with a shadow's edge is divided further, mm.
     pub shadow_mm: f32,
+    /// A block is divided when the light at its middle departs by more from what its corners' horizons give there, as part
+    /// of the mean irradiance of the picture.
+    pub shadow: f32,
     /// A block is divided when its middle departs from its corners' mean by more, mm.
     pub curved_mm: f32,
     /// Whether bent horizons are followed finely.
@@ -58,7 +73,7 @@ pub struct Pictures {
     pub bounced: f64,
     /// Rms over the face of |n - n0|^2, which tells how steep the press made it.
     pub steepness: f64,
-    /// Sum over pixels and channels of the variances of what mixed pixels hold (of the first picture).
+    /// Sum over pixels and channels of the variances of what mixed pixels are means of (of the first picture).
     pub spread: f64,
 }
 
@@ -98,16 +113,22 @@ pub struct Frame<'a> {
     pub heights: &'a Heights,
     /// What the corners of pixels see of the pad.
     pub seen: &'a [Sample],
+    /// Its vertices in the raster.
+    pub vertices: &'a [Vec3],
     pub effort: Effort,
     pub slots: Slots,
+    /// Irradiance against which errors are held.
+    pub level: f32,
 }
 
 impl Frame<'_> {
     /// The pictures, one or one a light.
-    pub fn render(&self) -> Pictures {
+    pub fn render(mut self) -> Pictures {
         let camera = &self.once.view.camera;
         let (width, height, films) = (camera.width, camera.height, self.slots.films);
         let nodes = self.nodes();
+        self.level = self.mean_level(&nodes);
+        let this = &self;
         let cell_px = self.cell_px();
         let size = [width.div_ceil(cell_px), height.div_ceil(NODE_PX) * (NODE_PX / cell_px)];
         let in_row = size[0] * (NODE_PX / cell_px);
@@ -122,7 +143,7 @@ impl Frame<'_> {
             .zip(&mut spreads)
             .enumerate()
             .for_each(|(row, (((out, cells), light), spread))| {
-                with_widest(Row { frame: self, nodes: &nodes, row, cell_px, out, cells, light, spread });
+                with_widest(Row { frame: this, nodes: &nodes, row, cell_px, out, cells, light, spread });
             });
         let films = by_film(pixels, NODE_PX * width, films);
         let lights = by_film(light, in_row, films.len());
@@ -139,7 +160,12 @@ impl Frame<'_> {
                 1 => std::slice::from_ref(&self.once.total),
                 _ => &self.once.tables.probes[..],
             };
-            let gains = cells.gains(|film, p, n| probes::irradiance(&grids[film].at(p), n));
+            let grounds = if lights.len() == 1 { &self.once.grounds[..1] } else { &self.once.grounds[1..] };
+            let gains = cells.gains(|film, p| Untouched {
+                sky: grids[film].at(p),
+                // (Under the table it holds what it has at the untouched face.)
+                ground: Vec3::from(grounds[film].at(p.with_z(f32::MIN))),
+            });
             for (k, (film, gains)) in all.iter_mut().zip(&gains).enumerate() {
                 bounced = self.apply(film, [k, lights.len()], gains, size[0], cell_px);
             }
@@ -192,6 +218,25 @@ impl Frame<'_> {
         film.pixels.par_chunks_mut(width).enumerate().map(change).sum()
     }
 
+    /// What a light's irradiance counts for: the rms of its colours; alike for all where each has a picture of its own.
+    #[inline(always)]
+    fn strength(&self, l: usize) -> f32 {
+        if self.slots.films > 1 { 1.0 } else { self.once.radiances[l].length() * RMS }
+    }
+
+    /// Mean irradiance at the nodes, as errors count: what a level pad gets.
+    fn mean_level(&self, nodes: &[f32]) -> f32 {
+        let (slots, lights) = (&self.slots, self.once.sources.len());
+        let (mut sum, mut count) = (0.0, 0.0f32);
+        for node in nodes.chunks_exact(slots.stride()).filter(|n| !n[POSITION].is_nan()) {
+            sum += (0..lights).map(|l| node[slots.direct(l) + 2].max(0.0) * self.strength(l)).sum::<f32>();
+            count += 1.0;
+        }
+        // Of several pictures each has its part.
+        let films = slots.films as f32;
+        sum / (count.max(1.0) * films)
+    }
+
     /// Nodes along x and y.
     fn node_counts(&self) -> [usize; 2] {
         let camera = &self.once.view.camera;
@@ -219,9 +264,26 @@ impl Frame<'_> {
             .then(|| (super::View::point(view.row(y)[x], sample.value), sample.triangle))
     }
 
-    /// Fills up to eight nodes at once. `hidden` tells for which lights horizons are worth following.
+    /// Normal of a triangle, towards the camera.
     #[inline(always)]
-    fn fill(&self, points: &[Vec3], out: &mut [f32], hidden: impl Fn(usize) -> bool) {
+    fn normal(&self, triangle: u32) -> Vec3 {
+        let [a, b, c] = corners(triangle, self.nx).map(|k| self.mesh.positions[k]);
+        let n = (b - a).cross(c - a).normalize_or_zero();
+        if n.dot(self.once.view.camera.origin - a) < 0.0 { -n } else { n }
+    }
+
+    /// Albedo at a point of a triangle.
+    #[inline(always)]
+    fn albedo_at(&self, triangle: u32, p: Vec3) -> Vec3 {
+        match self.albedo {
+            Albedo::Constant(albedo) => *albedo,
+            Albedo::Texture(texture) => texture.sample(uv(self.mesh, self.nx, triangle, p)),
+        }
+    }
+
+    /// Fills up to eight nodes at once.
+    #[inline(always)]
+    fn fill(&self, points: &[Vec3], out: &mut [f32]) {
         let (once, slots) = (self.once, &self.slots);
         let stride = slots.stride();
         let mut eight = Vectors::all(points[0]);
@@ -255,18 +317,55 @@ impl Frame<'_> {
                 let values = grid.at(*p);
                 node[slots.indirect(film)..][..values.len()].copy_from_slice(&values);
             }
-            for l in 0..once.sources.len() {
-                self.horizons(l, *p, node, hidden(l));
+            for (l, source) in once.sources.iter().enumerate() {
+                let lines = source.seen(*p, once.view.slab.as_ref());
+                self.horizons(l, *p, &lines, node);
+                // Behind a light there is nothing to take off.
+                node[slots.gain(l)] = f32::from(u8::from(source.faces(*p)));
+                if slots.varying() {
+                    let numbers = &mut node[slots.line(l, 0)..][..6 * LINES];
+                    for (numbers, end) in numbers.chunks_exact_mut(3).zip(lines.iter().flatten()) {
+                        numbers.copy_from_slice(&end.to_array());
+                    }
+                }
+                if once.tables.direct[l].is_some() {
+                    let phi = Vec3::from_slice(&node[slots.direct(l)..]);
+                    node[slots.gain(l)] = phi.length() / outline(&lines).length().max(1e-12);
+                }
             }
         }
     }
 
-    /// Fills a node's part on what the pad hides of a light.
+    /// Fills a node between others of which it is a mean: fields are interpolated anyway, only its place and the horizons
+    /// of lights that the pad hides at one of them are its own.
     #[inline(always)]
-    fn horizons(&self, l: usize, p: Vec3, node: &mut [f32], hidden: bool) {
-        let (once, slots) = (self.once, &self.slots);
-        let source = &once.sources[l];
-        let lines = source.seen(p, once.view.slab.as_ref());
+    fn fill_between(&self, p: Vec3, parents: [&[f32]; 4], [u, v]: [f32; 2], node: &mut [f32]) {
+        let slots = &self.slots;
+        let [a, b, c, d] = parents.map(|parent| &parent[..node.len()]);
+        let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
+        for (k, number) in node.iter_mut().enumerate() {
+            *number = a[k] * weights[0] + b[k] * weights[1] + c[k] * weights[2] + d[k] * weights[3];
+        }
+        node[POSITION..3].copy_from_slice(&p.to_array());
+        for (l, source) in self.once.sources.iter().enumerate() {
+            if !self.effort.thorough && node[slots.light(l)] == 0.0 {
+                continue;
+            }
+            let lines = match slots.varying() {
+                true => {
+                    let end = |k: usize, end: usize| Vec3::from_slice(&node[slots.line(l, k) + 3 * end..]);
+                    std::array::from_fn(|k| [end(k, 0), end(k, 1)])
+                }
+                false => source.seen(p, None),
+            };
+            self.horizons(l, p, &lines, node);
+        }
+    }
+
+    /// Fills a node's part on what the pad hides of a light, whose lines appear there.
+    #[inline(always)]
+    fn horizons(&self, l: usize, p: Vec3, lines: &[Line; LINES], node: &mut [f32]) {
+        let slots = &self.slots;
         let (mut hides, mut rises, mut uneven) = (false, false, false);
         let slopes = slots.horizons(l);
         // A few lines first; the ones between only where the pad rises before one of these, and the finest only where
@@ -279,38 +378,52 @@ impl Frame<'_> {
                 node[slopes + k] = between(1);
                 continue;
             }
-            let [low, high] = lines[k];
-            let middle = (low + high).truncate() * 0.5;
-            let distance = middle.length().max(1e-6);
-            let ahead = middle / distance;
-            let slope = |q: Vec3| q.z / q.truncate().dot(ahead).max(1e-3 * distance);
-            let (from, to) = (slope(low), slope(high));
-            let least = from.min(to) - BELOW;
-            // A light that appears through a plate has no distance: the pad's rim ends the line of sight.
-            let distance = if slots.bent() { f32::INFINITY } else { distance };
-            let horizon = match hidden && (coarse || rises || self.effort.thorough) {
-                true => self.heights.horizon(p, ahead, distance, least, from.max(to)),
-                false => least,
+            let sight = Toward::new(lines[k]);
+            let horizon = match coarse || rises || self.effort.thorough {
+                true => sight.horizon(self.heights, p, slots.bent()),
+                false => sight.least(),
             };
             uneven |= !coarse && k % 2 == 0 && self.effort.fine && (horizon - between(2)).abs() > BENT;
             node[slopes + k] = horizon;
-            hides |= horizon > from.min(to);
-            rises |= horizon > least;
+            hides |= horizon > sight.from.min(sight.to);
+            rises |= horizon > sight.least();
         }
         node[slots.light(l)] =
             if hides { f32::from(1 + u8::from(uneven || self.effort.thorough)) } else { 0.0 };
-        // Behind a light there is nothing to take off.
-        node[slots.gain(l)] = f32::from(u8::from(source.faces(p)));
-        if slots.varying() {
-            let numbers = &mut node[slots.line(l, 0)..][..6 * LINES];
-            for (numbers, end) in numbers.chunks_exact_mut(3).zip(lines.iter().flatten()) {
-                numbers.copy_from_slice(&end.to_array());
-            }
-        }
-        if once.tables.direct[l].is_some() {
-            let phi = Vec3::from_slice(&node[slots.direct(l)..]);
-            node[slots.gain(l)] = phi.length() / outline(&lines).length().max(1e-12);
-        }
+    }
+}
+
+/// A line of a light as it is looked at from a point of the pad.
+#[derive(Debug, Clone, Copy)]
+struct Toward {
+    ahead: Vec2,
+    distance: f32,
+    /// Slopes under which its ends appear.
+    from: f32,
+    to: f32,
+}
+
+impl Toward {
+    #[inline(always)]
+    fn new([low, high]: Line) -> Self {
+        let middle = (low + high).truncate() * 0.5;
+        let distance = middle.length().max(1e-6);
+        let ahead = middle / distance;
+        let slope = |q: Vec3| q.z / q.truncate().dot(ahead).max(1e-3 * distance);
+        Self { ahead, distance, from: slope(low), to: slope(high) }
+    }
+
+    /// From here upwards horizons are followed.
+    #[inline(always)]
+    fn least(&self) -> f32 {
+        self.from.min(self.to) - BELOW
+    }
+
+    #[inline(always)]
+    fn horizon(&self, heights: &Heights, p: Vec3, bent: bool) -> f32 {
+        // A light that appears through a plate has no distance: the pad's rim ends the line of sight.
+        let distance = if bent { f32::INFINITY } else { self.distance };
+        heights.horizon(p, self.ahead, distance, self.least(), self.from.max(self.to))
     }
 }
 
@@ -344,7 +457,7 @@ impl Work for NodeRow<'_> {
             let mut points = [Vec3::ZERO; WIDTH];
             let n = nodes.len() / stride;
             (0..n).for_each(|i| points[i] = seen(i).map_or(Vec3::ZERO, |(p, _)| p));
-            self.frame.fill(&points[..n], nodes, |_| true);
+            self.frame.fill(&points[..n], nodes);
             for (i, node) in nodes.chunks_exact_mut(stride).enumerate() {
                 if seen(i).is_none() {
                     node[POSITION] = f32::NAN;
@@ -388,6 +501,31 @@ struct Desk<'a> {
     cells: &'a mut [Cell],
     light: &'a mut [Vec3],
     spread: &'a mut f64,
+}
+
+/// Pixels that are shaded at once: rows of a block, one after the other.
+#[derive(Debug, Clone, Copy)]
+struct Lanes {
+    x0: usize,
+    columns: usize,
+    top: usize,
+    count: usize,
+}
+
+impl Lanes {
+    #[inline(always)]
+    fn pixel(self, i: usize) -> (usize, usize) {
+        (self.x0 + i % self.columns, self.top + i / self.columns)
+    }
+}
+
+/// What a block is divided for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Finer {
+    /// Everything.
+    Fields,
+    /// The edges of shadows alone.
+    Horizons,
 }
 
 /// Where nothing is seen.
@@ -478,14 +616,14 @@ impl Desk<'_> {
             return;
         };
         let mut borrowed = vec![0.0; self.frame.slots.stride()];
-        self.frame.fill(&[self.point(x, y)], &mut borrowed, |_| true);
+        self.frame.fill(&[self.point(x, y)], &mut borrowed);
         self.shade(rectangle, four.map(|n| if n[POSITION].is_nan() { &borrowed[..] } else { n }));
     }
 
     /// Divides a block until what it holds can be interpolated.
     #[inline(always)]
     fn divide(&mut self, rectangle: Rectangle, four: [&[f32]; 4]) {
-        if !self.finer(rectangle, four) {
+        if self.finer(rectangle, four).is_none() {
             self.shade(rectangle, four);
             return;
         }
@@ -498,10 +636,11 @@ impl Desk<'_> {
         waiting.push((rectangle, [0, 1, 2, 3]));
         while let Some((rectangle, ids)) = waiting.pop() {
             let [x0, y0, x1, y1] = rectangle;
-            if !self.finer(rectangle, ids.map(|k| &arena[k * stride..][..stride])) {
-                self.shade(rectangle, ids.map(|k| &arena[k * stride..][..stride]));
+            let parents = ids.map(|k| &arena[k * stride..][..stride]);
+            let Some(finer) = self.finer(rectangle, parents) else {
+                self.shade(rectangle, parents);
                 continue;
-            }
+            };
             let (mx, my) = ((x0 + x1) / 2, (y0 + y1) / 2);
             let next = arena.len() / stride;
             let inner = [(mx, y0), (x0, my), (mx, my), (x1, my), (mx, y1)].map(|(x, y)| self.point(x, y));
@@ -510,10 +649,17 @@ impl Desk<'_> {
                 arena.resize(at + inner.len() * stride, 0.0);
                 arena.split_at_mut(at)
             };
-            let flag = |l: usize| self.frame.slots.light(l);
-            let thorough = self.frame.effort.thorough;
-            self.frame
-                .fill(&inner, fresh, |l| thorough || ids.iter().any(|k| old[k * stride + flag(l)] > 0.0));
+            match finer {
+                Finer::Fields => self.frame.fill(&inner, fresh),
+                Finer::Horizons => {
+                    let (u, v) = ((mx - x0) as f32 / (x1 - x0) as f32, (my - y0) as f32 / (y1 - y0) as f32);
+                    let parents = ids.map(|k| &old[k * stride..][..stride]);
+                    let places = [[u, 0.0], [0.0, v], [u, v], [1.0, v], [u, 1.0]];
+                    for ((node, p), at) in fresh.chunks_exact_mut(stride).zip(inner).zip(places) {
+                        self.frame.fill_between(p, parents, at, node);
+                    }
+                }
+            }
             let [a, b, c, d] = ids;
             let [top, left, middle, right, bottom] = [0, 1, 2, 3, 4].map(|k| next + k);
             waiting.push(([x0, y0, mx, my], [a, top, left, middle]));
@@ -524,53 +670,118 @@ impl Desk<'_> {
         (self.arena, self.waiting) = (arena, waiting);
     }
 
-    /// Whether a block must be divided, and can be.
+    /// Whether a block must be divided, and can be, and for what.
     #[inline(always)]
-    fn finer(&self, [x0, y0, x1, y1]: Rectangle, four: [&[f32]; 4]) -> bool {
+    fn finer(&self, rectangle: Rectangle, four: [&[f32]; 4]) -> Option<Finer> {
+        let [x0, y0, x1, y1] = rectangle;
         let (effort, size) = (&self.frame.effort, (x1 - x0).max(y1 - y0) as f32 * self.frame.once.pixel_mm);
         if x1 - x0 < 2 || y1 - y0 < 2 {
-            return false;
+            return None;
         }
         let (mx, my) = ((x0 + x1) / 2, (y0 + y1) / 2);
-        let shadow = || {
-            (0..self.frame.once.sources.len()).any(|l| {
-                let flag = self.frame.slots.light(l);
-                four.iter().any(|n| n[flag] > 0.0)
-            })
-        };
         let curved = || {
             let mean = 0.25 * four.iter().map(|n| n[POSITION + 2]).sum::<f32>();
             (self.point(mx, my).z - mean).abs() > effort.curved_mm
         };
-        let wanted = size > effort.block_mm || (size > effort.shadow_mm && shadow()) || curved();
+        let wanted = if size > effort.block_mm || curved() {
+            Finer::Fields
+        } else if size > effort.shadow_mm && self.bends([mx, my], rectangle, four) {
+            Finer::Horizons
+        } else {
+            return None;
+        };
         let inner = [(mx, y0), (x0, my), (mx, my), (x1, my), (mx, y1)];
-        wanted && inner.iter().all(|&(x, y)| self.point(x, y).x != NOWHERE)
+        inner.iter().all(|&(x, y)| self.point(x, y).x != NOWHERE).then_some(wanted)
     }
 
-    /// Shades a block.
+    /// Whether interpolated horizons would be wrong by too much light at the middle of a block.
+    #[inline(always)]
+    fn bends(&self, [mx, my]: [usize; 2], [x0, y0, x1, y1]: Rectangle, four: [&[f32]; 4]) -> bool {
+        let frame = self.frame;
+        let slots = &frame.slots;
+        let flagged = |l: usize| four.iter().any(|n| n[slots.light(l)] > 0.0);
+        if frame.effort.thorough || !(0..frame.once.sources.len()).any(flagged) {
+            return frame.effort.thorough;
+        }
+        let p = self.point(mx, my);
+        if p.x == NOWHERE {
+            return false;
+        }
+        let (u, v) = ((mx - x0) as f32 / (x1 - x0) as f32, (my - y0) as f32 / (y1 - y0) as f32);
+        let between = |k: usize| {
+            let (top, bottom) =
+                (four[0][k] * (1.0 - u) + four[1][k] * u, four[2][k] * (1.0 - u) + four[3][k] * u);
+            top * (1.0 - v) + bottom * v
+        };
+        let vector = |k: usize| Vec3::new(between(k), between(k + 1), between(k + 2));
+        let [a, b, c, d] = four.map(|n| Vec3::from_slice(&n[POSITION..]));
+        let normal = (c - b).cross(d - a).normalize_or(Vec3::Z);
+        let normal = if normal.z < 0.0 { -normal } else { normal };
+        let mut wrong = 0.0;
+        for (l, source) in frame.once.sources.iter().enumerate().filter(|(l, _)| flagged(*l)) {
+            let light = vector(slots.direct(l)).dot(normal).max(0.0) * frame.strength(l);
+            if light <= frame.effort.shadow * frame.level {
+                continue;
+            }
+            let mut departs = 0.0;
+            for k in (0..LINES).step_by(COARSE) {
+                let line = match slots.varying() {
+                    true => [0, 3].map(|end| vector(slots.line(l, k) + end)),
+                    false => source.line(k, LINES - 1, p).map(|end| end - p),
+                };
+                let sight = Toward::new(line);
+                let cut =
+                    |slope: f32| ((slope - sight.from) / (sight.to - sight.from).max(1e-6)).clamp(0.0, 1.0);
+                let horizon = sight.horizon(frame.heights, p, slots.bent());
+                departs += (cut(horizon) - cut(between(slots.horizons(l) + k))).abs();
+            }
+            wrong += light * departs / 3.0;
+        }
+        wrong > frame.effort.shadow * frame.level
+    }
+
+    /// Shades a block, eight pixels at a time: of narrow blocks several rows at once.
     #[inline(always)]
     fn shade(&mut self, rectangle: Rectangle, four: [&[f32]; 4]) {
         let [x0, y0, x1, y1] = rectangle;
         self.block.prepare(four);
         let scale = [1.0 / (x1 - x0) as f32, 1.0 / (y1 - y0) as f32];
-        let u = Eight(std::array::from_fn(|i| (i as f32 + 0.5) * scale[0]));
         let limit = Eight::all(STEEPEST * self.frame.once.pixel_mm);
         let crease = Eight::all(CREASE * self.frame.once.pixel_mm);
-        for y in y0..y1 {
-            let v = Eight::all(((y - y0) as f32 + 0.5) * scale[1]);
-            let k = self.at(x0, y);
-            let read = |c: usize, k: usize| Eight(std::array::from_fn(|i| self.points[c][k..k + WIDTH][i]));
+        let columns = x1 - x0;
+        let at_once = (WIDTH / columns).max(1);
+        for top in (y0..y1).step_by(at_once) {
+            let lanes = Lanes { x0, columns, top, count: columns * at_once.min(y1 - top) };
+            let u = Eight(std::array::from_fn(|i| ((i % columns) as f32 + 0.5) * scale[0]));
+            let v = Eight(std::array::from_fn(|i| ((top - y0 + i / columns) as f32 + 0.5) * scale[1]));
+            let first = self.at(x0, top);
+            let stride = self.stride;
+            let read = |c: usize, step: usize| match columns == WIDTH {
+                true => Eight(std::array::from_fn(|i| self.points[c][first + step..first + step + WIDTH][i])),
+                // (Beyond the last row of the block it reads that row.)
+                false => Eight(std::array::from_fn(|i| {
+                    let i = i.min(lanes.count - 1);
+                    self.points[c][first + step + i / columns * stride + i % columns]
+                })),
+            };
             let vectors = |k: usize| Vectors { x: read(0, k), y: read(1, k), z: read(2, k) };
-            let (a, b) = (vectors(k), vectors(k + 1));
-            let (c, d) = (vectors(k + self.stride), vectors(k + self.stride + 1));
+            let (a, b) = (vectors(0), vectors(1));
+            let (c, d) = (vectors(stride), vectors(stride + 1));
             let low = a.z.min(b.z).min(c.z.min(d.z));
             let high = a.z.max(b.z).max(c.z.max(d.z));
-            let uneven = limit.below(high - low);
-            let bend = |step: usize| {
-                let z = |k: usize| read(2, k);
-                ((z(k + 2 * step) - z(k + step)) - (z(k) - z(k - step))).abs()
+            let steep = limit.below(high - low);
+            let before = |k: usize| {
+                let back = first - k;
+                match columns == WIDTH {
+                    true => Eight(std::array::from_fn(|i| self.points[2][back..back + WIDTH][i])),
+                    false => Eight(std::array::from_fn(|i| {
+                        let i = i.min(lanes.count - 1);
+                        self.points[2][back + i / columns * stride + i % columns]
+                    })),
+                }
             };
-            let uneven = uneven.or(crease.below(bend(1).max(bend(self.stride))));
+            let bend = |step: usize, next: Eight| ((read(2, 2 * step) - next) - (a.z - before(step))).abs();
+            let uneven = steep.or(crease.below(bend(1, b.z).max(bend(stride, c.z))));
             let point = (a + b + c + d).scaled(Eight::all(0.25));
             // The picture's y runs downwards: this order points to the camera.
             let normal = (c - b).cross(d - a).unit();
@@ -582,28 +793,25 @@ impl Desk<'_> {
             };
             self.sums.fill(Vectors::all(Vec3::ZERO));
             self.block.light([u, v], point, normal, &self.frame.once.radiances, &mut self.sums);
-            self.put(x0, x1, y);
-            if self.cell_px < 4 || y % 4 == 1 {
-                self.count(x0, x1, y, point, normal, limit.below(high - low));
-            }
+            self.put(lanes);
+            self.count(lanes, point, normal, steep);
             if uneven.any() {
-                for x in x0..x1 {
-                    if uneven.lane(x - x0) {
-                        self.mixed(x, y, rectangle);
-                    }
+                for i in (0..lanes.count).filter(|&i| uneven.lane(i)) {
+                    let (x, y) = lanes.pixel(i);
+                    self.mixed(x, y, rectangle);
                 }
             }
         }
     }
 
-    /// Adds a row of pixels to the cells of the bounce.
+    /// Adds pixels to the cells of the bounce; of large cells some rows stand for all.
     #[inline(always)]
-    fn count(&mut self, x0: usize, x1: usize, y: usize, points: Vectors, normals: Vectors, not: Mask) {
+    fn count(&mut self, lanes: Lanes, points: Vectors, normals: Vectors, not: Mask) {
         let columns = self.width.div_ceil(self.cell_px);
         let cells = self.cells.len();
-        for x in x0..x1 {
-            let i = x - x0;
-            if not.lane(i) {
+        for i in 0..lanes.count {
+            let (x, y) = lanes.pixel(i);
+            if not.lane(i) || (self.cell_px >= 4 && y % 4 != 1) {
                 continue;
             }
             let k = (y - self.first) / self.cell_px * columns + x / self.cell_px;
@@ -618,12 +826,12 @@ impl Desk<'_> {
         }
     }
 
-    /// Writes the light on a row of pixels.
+    /// Writes the light on pixels.
     #[inline(always)]
-    fn put(&mut self, x0: usize, x1: usize, y: usize) {
+    fn put(&mut self, lanes: Lanes) {
         let rows = self.out.len() / (self.width * self.sums.len());
-        for x in x0..x1 {
-            let i = x - x0;
+        for i in 0..lanes.count {
+            let (x, y) = lanes.pixel(i);
             let albedo = self.albedo(x, y) * (FRAC_1_PI * self.frame.once.transmitted(x, y));
             for (film, sum) in self.sums.iter().enumerate() {
                 let light = Vec3::new(sum.x.0[i], sum.y.0[i], sum.z.0[i]);
@@ -659,9 +867,143 @@ impl Desk<'_> {
         }
     }
 
-    /// A pixel whose corners see different things: the mean of what they see.
+    /// A pixel over a crease, or one whose corners see different things: the mean of a grid of samples, or of its corners
+    /// where those do not all see the pad.
     #[inline(never)]
-    fn mixed(&mut self, x: usize, y: usize, [x0, y0, x1, y1]: Rectangle) {
+    fn mixed(&mut self, x: usize, y: usize, rectangle: Rectangle) {
+        let corner = |dx: usize, dy: usize| self.frame.corner(x + dx, y + dy).map(|(_, triangle)| triangle);
+        let triangles = [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)];
+        if let [Some(a), Some(b), Some(c), Some(d)] = triangles
+            && let Some(quads) = self.quads([a, b, c, d])
+        {
+            self.sampled(x, y, rectangle, [a, b, c, d].map(|k| self.frame.normal(k)), quads);
+        } else {
+            self.cornered(x, y, rectangle);
+        }
+    }
+
+    /// The quads of the lattice around these triangles, from and to along x and y; None where they are many.
+    fn quads(&self, triangles: [u32; 4]) -> Option<[usize; 4]> {
+        let (nx, ny) = (self.frame.nx - 1, self.frame.vertices.len() / self.frame.nx - 1);
+        let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
+        for triangle in triangles {
+            let quad = triangle as usize / 2;
+            for (k, at) in [quad % nx, quad / nx].into_iter().enumerate() {
+                (low[k], high[k]) = (low[k].min(at), high[k].max(at));
+            }
+        }
+        let few = (0..2).all(|k| high[k] - low[k] < MOST_QUADS);
+        few.then(|| {
+            let [i, j] = low.map(|at| at.saturating_sub(1));
+            [i, (high[0] + 2).min(nx), j, (high[1] + 2).min(ny)]
+        })
+    }
+
+    /// The mean of a grid of samples over a pixel, each with the triangle on top there. Horizons jump at a crease: each
+    /// sample takes those of the corner that lies most as it does.
+    fn sampled(
+        &mut self,
+        x: usize,
+        y: usize,
+        [x0, y0, x1, y1]: Rectangle,
+        corner_normals: [Vec3; 4],
+        [i0, i1, j0, j1]: [usize; 4],
+    ) {
+        let frame = self.frame;
+        let once = frame.once;
+        let films = self.sums.len();
+        let rows = self.out.len() / (self.width * films);
+        let place = |k: usize| Vec2::new((k % GRID) as f32 + 0.5, (k / GRID) as f32 + 0.5) / GRID as f32;
+        // Which triangle is on top at each sample.
+        let mut found = [(f32::NEG_INFINITY, u32::MAX); GRID * GRID];
+        let middle = Vec2::new(x as f32, y as f32);
+        for j in j0..j1 {
+            for i in i0..i1 {
+                let id = 2 * (j * (frame.nx - 1) + i) as u32;
+                for triangle in [id, id + 1] {
+                    let [a, b, c] = corners(triangle, frame.nx).map(|k| frame.vertices[k]);
+                    let [pa, pb, pc] = [a, b, c].map(|p| p.truncate() - middle);
+                    let outside = pa.min(pb).min(pc).cmpgt(Vec2::ONE).any()
+                        || pa.max(pb).max(pc).cmplt(Vec2::ZERO).any();
+                    let area = (pb - pa).perp_dot(pc - pa);
+                    if outside || area == 0.0 || !area.is_finite() {
+                        continue;
+                    }
+                    for (k, found) in found.iter_mut().enumerate() {
+                        let p = place(k);
+                        let wb = (p - pc).perp_dot(pa - pc) / -area;
+                        let wc = (pb - pa).perp_dot(p - pa) / area;
+                        let wa = 1.0 - wb - wc;
+                        let value = a.z * wa + b.z * wb + c.z * wc;
+                        if wa.min(wb).min(wc) >= -1e-4 && value > found.0 {
+                            *found = (value, triangle);
+                        }
+                    }
+                }
+            }
+        }
+        // The light on each.
+        let row = [once.view.row(y), once.view.row(y + 1)];
+        let mut light = vec![Vec3::ZERO; films];
+        let (mut squares, mut count) = (Vec3::ZERO, 0.0f32);
+        for first in (0..GRID * GRID).step_by(WIDTH) {
+            let (mut points, mut normals) = (Vectors::all(Vec3::ZERO), Vectors::all(Vec3::Z));
+            let mut albedos = [Vec3::ZERO; WIDTH];
+            let (mut seen, mut corner) = ([false; WIDTH], [0; WIDTH]);
+            for lane in 0..WIDTH {
+                let (value, triangle) = found[first + lane];
+                if triangle == u32::MAX {
+                    continue;
+                }
+                let at = place(first + lane);
+                let ray: [Vec3; 2] = std::array::from_fn(|k| {
+                    let between = |row: &[[Vec3; 2]]| row[x][k].lerp(row[x + 1][k], at.x);
+                    between(row[0]).lerp(between(row[1]), at.y)
+                });
+                let p = super::View::point(ray, value);
+                let n = frame.normal(triangle);
+                (points.x.0[lane], points.y.0[lane], points.z.0[lane]) = p.into();
+                (normals.x.0[lane], normals.y.0[lane], normals.z.0[lane]) = n.into();
+                albedos[lane] = frame.albedo_at(triangle, p);
+                seen[lane] = true;
+                let like = |k: usize| {
+                    let far = at.distance_squared(Vec2::new((k % 2) as f32, (k / 2) as f32));
+                    n.dot(corner_normals[k]) - NEARNESS * far
+                };
+                corner[lane] = (1..4).fold(0, |best, k| if like(k) > like(best) { k } else { best });
+            }
+            let at = |k: usize, low: usize, high: usize| (k - low) as f32 / (high - low) as f32;
+            let u = Eight(std::array::from_fn(|k| at(x + corner[k] % 2, x0, x1)));
+            let v = Eight(std::array::from_fn(|k| at(y + corner[k] / 2, y0, y1)));
+            self.sums.fill(Vectors::all(Vec3::ZERO));
+            self.block.light([u, v], points, normals, &once.radiances, &mut self.sums);
+            for lane in (0..WIDTH).filter(|&lane| seen[lane]) {
+                for (film, (sum, light)) in self.sums.iter().zip(&mut light).enumerate() {
+                    let value =
+                        albedos[lane] * Vec3::new(sum.x.0[lane], sum.y.0[lane], sum.z.0[lane]) * FRAC_1_PI;
+                    *light += value;
+                    if film == 0 {
+                        squares += value * value;
+                    }
+                }
+                count += 1.0;
+            }
+        }
+        if count == 0.0 {
+            self.cornered(x, y, [x0, y0, x1, y1]);
+            return;
+        }
+        let variance = squares / count - (light[0] / count) * (light[0] / count);
+        *self.spread += SAMPLED_ERROR * f64::from(variance.element_sum().max(0.0));
+        for (film, light) in light.iter().enumerate() {
+            let veil = once.veil(film, films, x, y);
+            self.out[(film * rows + y - self.first) * self.width + x] =
+                *light / count * once.transmitted(x, y) + veil;
+        }
+    }
+
+    /// The mean of what the corners of a pixel see.
+    fn cornered(&mut self, x: usize, y: usize, [x0, y0, x1, y1]: Rectangle) {
         let once = self.frame.once;
         let films = self.sums.len();
         let rows = self.out.len() / (self.width * films);
@@ -671,16 +1013,10 @@ impl Desk<'_> {
         for (k, (cx, cy)) in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].into_iter().enumerate() {
             match self.frame.corner(cx, cy) {
                 Some((p, triangle)) => {
-                    let ids = corners(triangle, self.frame.nx);
-                    let [a, b, c] = ids.map(|k| self.frame.mesh.positions[k]);
-                    let n = (b - a).cross(c - a).normalize_or_zero();
-                    let n = if n.dot(once.view.camera.origin - a) < 0.0 { -n } else { n };
+                    let n = self.frame.normal(triangle);
                     (points.x.0[k], points.y.0[k], points.z.0[k]) = p.into();
                     (normals.x.0[k], normals.y.0[k], normals.z.0[k]) = n.into();
-                    albedos[k] = match self.frame.albedo {
-                        Albedo::Constant(albedo) => *albedo,
-                        Albedo::Texture(t) => t.sample(uv(self.frame.mesh, self.frame.nx, triangle, p)),
-                    };
+                    albedos[k] = self.frame.albedo_at(triangle, p);
                 }
                 None => {
                     for (film, sum) in fixed.iter_mut().enumerate() {
@@ -707,7 +1043,7 @@ impl Desk<'_> {
                 squares += 0.25 * value * value;
             }
             if film == 0 {
-                *self.spread += f64::from((squares - light * light).element_sum().max(0.0));
+                *self.spread += CORNERED_ERROR * f64::from((squares - light * light).element_sum().max(0.0));
             }
             let veil = once.veil(film, films, x, y);
             self.out[(film * rows + y - self.first) * self.width + x] =

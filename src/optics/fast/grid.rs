@@ -61,6 +61,23 @@ impl Places {
         self.low + Vec2::new((column % nx) as f32, (column / nx) as f32) / self.per_mm
     }
 
+    /// Places on the untouched face alone, with so many steps for one across.
+    pub fn face(&self, steps: usize) -> Self {
+        let [nx, ny, _] = self.nodes;
+        let nodes = [(nx - 1) * steps + 1, (ny - 1) * steps + 1, 2];
+        let between = |k: usize| {
+            let q = Vec2::new((k % nodes[0]) as f32, (k / nodes[0]) as f32) / steps as f32;
+            let (i, j) = ((q.x as usize).min(nx - 2), (q.y as usize).min(ny - 2));
+            let (s, t) = (q.x - i as f32, q.y - j as f32);
+            let at = |i: usize, j: usize| self.rest[j * nx + i];
+            let row = |j: usize| at(i, j) * (1.0 - s) + at(i + 1, j) * s;
+            row(j) * (1.0 - t) + row(j + 1) * t
+        };
+        let rest = (0..nodes[0] * nodes[1]).map(between).collect();
+        // (The second level stands just above the first.)
+        Self { per_mm: self.per_mm * steps as f32, nodes, lift_low: 0.0, lift_per_mm: 1e3, rest, ..*self }
+    }
+
     /// Whether the untouched face is no level plane.
     pub fn is_curved(&self) -> bool {
         self.rest.iter().any(|z| (z - self.rest[0]).abs() > 1e-4)

@@ -1,30 +1,30 @@
 //! What the pad hides of a light: horizons over its height field.
 //!
-//! Along a level direction the pad hides everything below the steepest line of sight over it. A coarse map of largest
-//! heights lets a line of sight leap over what it cannot touch.
+//! Along a level direction the pad hides everything below the steepest line of sight over it. Maps of the largest height
+//! around each place, within twice the reach each, let a line of sight leap over what it cannot touch.
 
 use super::raster::Projected;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 /// Fine cells in a coarse one, each way.
-const COARSE: usize = 4;
-/// Coarse cells in a wide one, each way.
-const WIDE: usize = 4;
+const COARSE: usize = 2;
+/// Reaches around a coarse cell, in coarse cells: 1, 2, 4 and so on.
+const REACHES: usize = 8;
+/// Parts of the lattice that are binned side by side; fixed, so that sums do not depend on threads.
+const PARTS: usize = 4;
 
 /// The pad seen from above.
 pub struct Heights {
     low: Vec2,
     cell: f32,
+    per_mm: f32,
     size: [usize; 2],
     /// Heights at the cells' middles; minus infinity where there is no pad.
     z: Vec<f32>,
     coarse: [usize; 2],
-    /// Largest height of each coarse cell.
-    pools: Vec<f32>,
-    wide: [usize; 2],
-    /// Largest height of each wide cell and its eight neighbours.
-    summits: Vec<f32>,
+    /// By coarse cell: the largest height within each reach of it.
+    around: Vec<[f32; REACHES]>,
     highest: f32,
 }
 
@@ -39,13 +39,9 @@ impl Heights {
         let z = binned(positions, low.truncate(), cell, size)
             .unwrap_or_else(|| drawn(positions, lattice, low.truncate(), cell, size));
         let coarse = [size[0].div_ceil(COARSE), size[1].div_ceil(COARSE)];
-        let mut pools = vec![f32::NEG_INFINITY; coarse[0] * coarse[1]];
-        for (k, z) in z.iter().enumerate() {
-            let pool = &mut pools[k / size[0] / COARSE * coarse[0] + k % size[0] / COARSE];
-            *pool = pool.max(*z);
-        }
-        let (wide, summits) = summits(&pools, coarse);
-        Self { low: low.truncate(), cell, size, z, coarse, pools, wide, summits, highest: high.z }
+        let around = around(&z, size, coarse);
+        let low = low.truncate();
+        Self { low, cell, per_mm: 1.0 / cell, size, z, coarse, around, highest: high.z }
     }
 
     /// Height of the pad at a place, or of the nearest part of it.
@@ -79,55 +75,30 @@ impl Heights {
     #[inline(always)]
     pub fn horizon(&self, point: Vec3, ahead: Vec2, distance: f32, low: f32, high: f32) -> f32 {
         let mut slope = low;
-        // In strides of a wide cell up to the first that may reach the line of sight.
-        let stride = (WIDE * COARSE) as f32 * self.cell;
-        let mut reached = 0.0;
-        loop {
-            let least = point.z + low * reached + low.min(0.0) * stride;
-            if reached > distance || point.z + low * reached > self.highest {
-                return slope;
-            }
-            let q = (point.truncate() + ahead * reached - self.low) / stride;
-            let inside = q.cmpge(Vec2::ZERO).all();
-            let (i, j) = (q.x as usize, q.y as usize);
-            if !inside || i >= self.wide[0] || j >= self.wide[1] {
-                if reached > 0.0 {
-                    return slope;
-                }
-                break;
-            }
-            if self.summits[j * self.wide[0] + i] > least {
-                break;
-            }
-            reached += stride;
-        }
         // The receiver's own cells say nothing beyond its normal.
-        let mut t = reached.max(1.5 * self.cell);
-        let start = (point.truncate() - self.low) / self.cell;
-        let along = ahead / self.cell;
+        let mut t = 1.5 * self.cell;
+        let start = (point.truncate() - self.low) * self.per_mm;
+        let along = ahead * self.per_mm;
         let bias = 1e-3 * self.cell;
-        let size = COARSE as f32;
-        while t < distance && point.z + slope * t < self.highest && slope < high {
+        while t < distance && slope < high {
+            let line = point.z + slope * t;
+            if line >= self.highest {
+                break;
+            }
             let q = start + along * t;
-            if !q.cmpge(Vec2::ZERO).all() {
+            let (i, j) = (q.x as usize / COARSE, q.y as usize / COARSE);
+            if !(q.x >= 0.0 && q.y >= 0.0) || i >= self.coarse[0] || j >= self.coarse[1] {
                 break;
             }
-            let (i, j) = ((q.x / size) as usize, (q.y / size) as usize);
-            if i >= self.coarse[0] || j >= self.coarse[1] {
-                break;
-            }
-            let block = Vec2::new(i as f32, j as f32);
-            let least = point.z + slope * t + slope.min(0.0) * 2.0 * size * self.cell;
-            if self.pools[j * self.coarse[0] + i] <= least {
-                // The line rises (or the step is short): nothing in this block reaches it, go on to the next.
-                let edge = (block + Vec2::select(along.cmpgt(Vec2::ZERO), Vec2::ONE, Vec2::ZERO)) * size;
-                let leave = (edge - q) / along;
-                let leave =
-                    if leave.is_nan() { 0.0 } else { leave.min_element().clamp(0.0, 4.0 * size * self.cell) };
-                t += leave + 0.05 * self.cell;
+            // Within how many of the reaches nothing touches the line, which may fall.
+            let fall = slope.min(0.0) * self.cell;
+            let around = &self.around[j * self.coarse[0] + i];
+            let free: usize = (0..REACHES).map(|k| usize::from(around[k] <= line + fall * LEAP[k])).sum();
+            if free > 0 {
+                t += LEAP[free - 1] * self.cell;
             } else {
                 let z = self.height(q) - bias;
-                if z > point.z + slope * t {
+                if z > line {
                     slope = (z - point.z) / t;
                 }
                 t += self.cell;
@@ -137,35 +108,78 @@ impl Heights {
     }
 }
 
-/// Wide cells along x and y, and the largest height around each.
-fn summits(pools: &[f32], coarse: [usize; 2]) -> ([usize; 2], Vec<f32>) {
-    let wide = coarse.map(|n| n.div_ceil(WIDE));
-    let mut own = vec![f32::NEG_INFINITY; wide[0] * wide[1]];
-    for (k, z) in pools.iter().enumerate() {
-        let cell = &mut own[k / coarse[0] / WIDE * wide[0] + k % coarse[0] / WIDE];
-        *cell = cell.max(*z);
+/// How far a line of sight may go within a reach, in fine cells: from the edge of its own cell, and not so far that heights
+/// beyond are interpolated.
+const LEAP: [f32; REACHES] = {
+    let mut leap = [0.0; REACHES];
+    let mut k = 0;
+    while k < REACHES {
+        leap[k] = ((COARSE << k) - 1) as f32;
+        k += 1;
     }
-    let around = |k: usize| {
-        let (i, j) = (k % wide[0], k / wide[0]);
-        let columns = i.saturating_sub(1)..(i + 2).min(wide[0]);
-        let rows = j.saturating_sub(1)..(j + 2).min(wide[1]);
-        rows.flat_map(|j| columns.clone().map(move |i| (i, j)))
-            .fold(f32::NEG_INFINITY, |most, (i, j)| most.max(own[j * wide[0] + i]))
-    };
-    (wide, (0..own.len()).map(around).collect())
+    leap
+};
+
+/// The largest height within each reach of each coarse cell.
+fn around(z: &[f32], size: [usize; 2], coarse: [usize; 2]) -> Vec<[f32; REACHES]> {
+    let [nx, ny] = coarse;
+    let mut largest = vec![f32::NEG_INFINITY; nx * ny];
+    for (j, row) in z.chunks_exact(size[0]).enumerate() {
+        let out = &mut largest[j / COARSE * nx..][..nx];
+        for (out, cells) in out.iter_mut().zip(row.chunks(COARSE)) {
+            *out = cells.iter().fold(*out, |most, z| if *z > most { *z } else { most });
+        }
+    }
+    let mut around = vec![[0.0; REACHES]; nx * ny];
+    let larger = |a: f32, b: f32| if a > b { a } else { b };
+    for k in 0..REACHES {
+        // A square of twice the reach is the union of four about its quarters' middles (at the rim: of more than that). The
+        // first step goes from a cell alone to its neighbours.
+        let by = (1 << k) >> 1;
+        let shift = |n: usize, i: usize| match by {
+            0 => [i.saturating_sub(1), i, (i + 1).min(n - 1)],
+            _ => [i.saturating_sub(by), (i + by).min(n - 1), (i + by).min(n - 1)],
+        };
+        let mut wide = vec![0.0; nx * ny];
+        for (wide, row) in wide.chunks_exact_mut(nx).zip(largest.chunks_exact(nx)) {
+            for (i, wide) in wide.iter_mut().enumerate() {
+                let [a, b, c] = shift(nx, i);
+                *wide = larger(row[a], larger(row[b], row[c]));
+            }
+        }
+        for j in 0..ny {
+            let [a, b, c] = shift(ny, j).map(|j| &wide[j * nx..][..nx]);
+            let out = &mut largest[j * nx..][..nx];
+            for (i, (out, around)) in out.iter_mut().zip(&mut around[j * nx..][..nx]).enumerate() {
+                *out = larger(a[i], larger(b[i], c[i]));
+                around[k] = *out;
+            }
+        }
+    }
+    around
 }
 
 /// Mean height of the lattice's points by cell; None when a cell has none.
 fn binned(positions: &[Vec3], low: Vec2, cell: f32, size: [usize; 2]) -> Option<Vec<f32>> {
-    let mut sums = vec![[0.0f32; 2]; size[0] * size[1]];
     let per_mm = 1.0 / cell;
-    for p in positions {
-        let q = (p.truncate() - low) * per_mm;
-        let (i, j) = ((q.x as usize).min(size[0] - 1), (q.y as usize).min(size[1] - 1));
-        let sum = &mut sums[j * size[0] + i];
-        *sum = [sum[0] + p.z, sum[1] + 1.0];
-    }
-    sums.iter().all(|s| s[1] > 0.0).then(|| sums.iter().map(|s| s[0] / s[1]).collect())
+    let part = |positions: &[Vec3]| {
+        let mut sums = vec![[0.0f32; 2]; size[0] * size[1]];
+        for p in positions {
+            let q = (p.truncate() - low) * per_mm;
+            let (i, j) = ((q.x as usize).min(size[0] - 1), (q.y as usize).min(size[1] - 1));
+            let sum = &mut sums[j * size[0] + i];
+            *sum = [sum[0] + p.z, sum[1] + 1.0];
+        }
+        sums
+    };
+    let parts: Vec<_> = positions.par_chunks(positions.len().div_ceil(PARTS)).map(part).collect();
+    let mean = |k: usize| {
+        let [sum, count] = parts.iter().fold([0.0; 2], |[s, n], part| [s + part[k][0], n + part[k][1]]);
+        sum / count
+    };
+    let z: Vec<f32> = (0..size[0] * size[1]).into_par_iter().with_min_len(8192).map(mean).collect();
+    // Nothing over nothing where a cell has no point.
+    z.iter().all(|z| !z.is_nan()).then_some(z)
 }
 
 /// Height at the middle of each cell; minus infinity where there is no pad.

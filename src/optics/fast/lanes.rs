@@ -62,6 +62,30 @@ impl Eight {
         Self(from_fn(|i| self.0[i].abs()))
     }
 
+    /// Arc tangents, to 2e-8 (Abramowitz and Stegun 4.4.49, and its complement beyond 1).
+    #[inline(always)]
+    pub fn atan(self) -> Self {
+        const TERMS: [f32; 9] = [
+            1.0,
+            -0.333_331_45,
+            0.199_935_51,
+            -0.142_089,
+            0.106_562_64,
+            -0.075_289_64,
+            0.042_909_614,
+            -0.016_165_737,
+            0.002_866_225_7,
+        ];
+        let (zero, one) = (Self::all(0.0), Self::all(1.0));
+        let size = self.abs();
+        let far = one.below(size);
+        let x = far.choose(one.over(size), size);
+        let x2 = x * x;
+        let sum = TERMS.iter().rev().fold(zero, |sum, &term| sum * x2 + Self::all(term)) * x;
+        let angle = far.choose(Self::all(std::f32::consts::FRAC_PI_2) - sum, sum);
+        self.below(zero).choose(-angle, angle)
+    }
+
     /// Which are below the other's.
     #[inline(always)]
     pub fn below(self, b: Self) -> Mask {
@@ -229,4 +253,19 @@ pub fn with_widest<W: Work>(work: W) -> W::Output {
         }
     }
     work.run()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arc_tangents_are_those_of_the_library() {
+        for k in -200..200 {
+            let x = (k as f32 * 0.05).sinh();
+            let angle = Eight::all(x).atan().0[3];
+            assert!((angle - x.atan()).abs() < 3e-7, "{x}: {angle}");
+        }
+        assert_eq!(Eight::all(f32::NEG_INFINITY).atan().0[0], -std::f32::consts::FRAC_PI_2);
+    }
 }

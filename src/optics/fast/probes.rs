@@ -48,12 +48,20 @@ pub fn terms_of(n: Vectors) -> [Eight; TERMS - 1] {
 
 /// The irradiance of a normal from a node's numbers.
 pub fn irradiance(numbers: &[f32; NUMBERS], n: Vec3) -> Vec3 {
+    let e = irradiance_of(&numbers.map(Eight::all), n);
+    Vec3::new(e.x.0[0], e.y.0[0], e.z.0[0])
+}
+
+/// The irradiance of one normal at eight places, from their numbers.
+#[inline(always)]
+pub fn irradiance_of(numbers: &[Eight; NUMBERS], n: Vec3) -> Vectors {
     let t = terms(n);
-    let mut e = Vec3::ZERO;
-    for k in 0..TERMS {
-        e += Vec3::new(numbers[3 * k], numbers[3 * k + 1], numbers[3 * k + 2]) * t[k];
+    let mut e = [Eight::all(0.0); 3];
+    for k in 0..NUMBERS {
+        e[k % 3] = e[k % 3] + numbers[k] * Eight::all(t[k / 3]);
     }
-    e.max(Vec3::ZERO)
+    let [x, y, z] = e.map(|e| e.max(Eight::all(0.0)));
+    Vectors { x, y, z }
 }
 
 /// Gathers the field over a rectangle, for each light of radiance 1.

@@ -1,0 +1,226 @@
+//! Dense Cholesky factors in single precision, blocked for the vector registers.
+//!
+//! A = L L^T, right-looking (Golub and Van Loan, *Matrix Computations*, section 4.2.6): a block of columns is factored,
+//! the rows below it are multiplied with the inverse of its triangle, and what remains of the matrix loses their
+//! products. Rows are stored one after the other, padded to the SIMD width.
+
+use super::lanes::{Kernel, Lanes, WIDTH, dispatch};
+
+/// Columns that are factored together.
+const BLOCK: usize = 2 * WIDTH;
+/// Least pivot over the diagonal it came from: the matrix is positive definite, but where two unknowns nearly repeat
+/// each other rounding may say otherwise.
+const LEAST_PIVOT: f32 = 1e-6;
+
+/// A lower triangular factor.
+#[derive(Debug, Default)]
+pub struct Cholesky {
+    n: usize,
+    stride: usize,
+    a: Vec<f32>,
+    panel: Vec<f32>,
+}
+
+impl Cholesky {
+    /// Room for a matrix of `n` rows: the rows, `stride` apart, of which the lower triangle is to be filled.
+    pub fn prepare(&mut self, n: usize) -> (&mut [f32], usize) {
+        self.n = n;
+        self.stride = n.div_ceil(BLOCK) * BLOCK;
+        self.a.clear();
+        self.a.resize(n * self.stride, 0.0);
+        (&mut self.a, self.stride)
+    }
+
+    /// Factors what was filled in after [`Self::prepare`].
+    pub fn factor(&mut self) {
+        self.panel.resize(BLOCK * self.stride, 0.0);
+        dispatch(Factor { a: &mut self.a, panel: &mut self.panel, n: self.n, stride: self.stride });
+    }
+
+    /// Solves in place; `y` grows to the stride.
+    pub fn solve(&self, y: &mut Vec<f32>) {
+        y.resize(self.stride, 0.0);
+        dispatch(Solve { l: &self.a, stride: self.stride, y, n: self.n });
+    }
+}
+
+struct Factor<'a> {
+    a: &'a mut [f32],
+    /// The block's rows below its triangle, transposed: `[column][row]`.
+    panel: &'a mut [f32],
+    n: usize,
+    stride: usize,
+}
+
+impl Factor<'_> {
+    /// Factors the triangle of a block and gives its inverse, transposed: `[column][row]`.
+    fn triangle(&mut self, from: usize, to: usize) -> [[f32; BLOCK]; BLOCK] {
+        let s = self.stride;
+        for i in from..to {
+            for j in from..=i {
+                let dot: f32 = (from..j).map(|k| self.a[i * s + k] * self.a[j * s + k]).sum();
+                let value = self.a[i * s + j];
+                self.a[i * s + j] = if i == j {
+                    (value - dot).max(LEAST_PIVOT * value.abs()).sqrt()
+                } else {
+                    (value - dot) / self.a[j * s + j]
+                };
+            }
+        }
+        let mut inverse = [[0.0; BLOCK]; BLOCK];
+        for (c, column) in inverse.iter_mut().enumerate().take(to - from) {
+            for r in c..to - from {
+                let row = &self.a[(from + r) * s + from..];
+                let dot: f32 = (c..r).map(|k| row[k] * column[k]).sum();
+                column[r] = (f32::from(u8::from(r == c)) - dot) / row[r];
+            }
+        }
+        inverse
+    }
+
+    /// Rows from `row` on, R of them, of what remains: less the products of the panel, from column `to` up to and
+    /// beyond the diagonal.
+    #[inline(always)]
+    fn rows<L: Lanes, const R: usize>(&mut self, row: usize, from: usize, to: usize) {
+        let s = self.stride;
+        let mut column = to;
+        while column < row + R {
+            let mut sums = [[L::splat(0.0); 2]; R];
+            for (r, sum) in sums.iter_mut().enumerate() {
+                let at = (row + r) * s + column;
+                *sum = [L::load(&self.a[at..]), L::load(&self.a[at + WIDTH..])];
+            }
+            for k in 0..BLOCK {
+                let p = &self.panel[k * s + column..][..2 * WIDTH];
+                let p = [L::load(p), L::load(&p[WIDTH..])];
+                for (r, sum) in sums.iter_mut().enumerate() {
+                    let l = L::splat(self.a[(row + r) * s + from + k]);
+                    *sum = [l.fnma(p[0], sum[0]), l.fnma(p[1], sum[1])];
+                }
+            }
+            for (r, sum) in sums.iter().enumerate() {
+                let at = (row + r) * s + column;
+                sum[0].store(&mut self.a[at..]);
+                sum[1].store(&mut self.a[at + WIDTH..]);
+            }
+            column += 2 * WIDTH;
+        }
+    }
+}
+
+impl Kernel for Factor<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(mut self) {
+        let (n, s) = (self.n, self.stride);
+        for from in (0..n).step_by(BLOCK) {
+            let to = (from + BLOCK).min(n);
+            let inverse = self.triangle(from, to);
+            if to < from + BLOCK {
+                break;
+            }
+            // The rows below become rows of the factor.
+            for i in to..n {
+                let row = &mut self.a[i * s + from..][..BLOCK];
+                let mut sums = [L::splat(0.0); 2];
+                for k in 0..BLOCK {
+                    let value = L::splat(row[k]);
+                    let column = &inverse[k];
+                    sums[0] = value.fma(L::load(column), sums[0]);
+                    sums[1] = value.fma(L::load(&column[WIDTH..]), sums[1]);
+                }
+                sums[0].store(row);
+                sums[1].store(&mut row[WIDTH..]);
+                for k in 0..BLOCK {
+                    self.panel[k * s + i] = self.a[i * s + from + k];
+                }
+            }
+            // What remains of the matrix.
+            let mut row = to;
+            while row + 4 <= n {
+                self.rows::<L, 4>(row, from, to);
+                row += 4;
+            }
+            while row < n {
+                self.rows::<L, 1>(row, from, to);
+                row += 1;
+            }
+        }
+        for i in 0..n {
+            self.a[i * s + i + 1..(i + 1) * s].fill(0.0);
+        }
+    }
+}
+
+struct Solve<'a> {
+    l: &'a [f32],
+    stride: usize,
+    /// As long as the stride; zero beyond the unknowns.
+    y: &'a mut [f32],
+    n: usize,
+}
+
+impl Kernel for Solve<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let row = |i: usize| &self.l[i * self.stride..(i + 1) * self.stride];
+        for i in 0..self.n {
+            let row = row(i);
+            let mut sum = L::splat(0.0);
+            // What is not known yet counts as zero: the lower triangle ends before it.
+            let mut k = 0;
+            while k < i {
+                sum = L::load(&row[k..]).fma(L::load(&self.y[k..]), sum);
+                k += WIDTH;
+            }
+            // The last block reaches past the diagonal.
+            let beyond: f32 = (i..k).map(|k| row[k] * self.y[k]).sum();
+            let dot = sum.to_array().iter().sum::<f32>() - beyond;
+            self.y[i] = (self.y[i] - dot) / row[i];
+        }
+        for i in (0..self.n).rev() {
+            let row = row(i);
+            let value = self.y[i] / row[i];
+            let v = L::splat(value);
+            let mut k = 0;
+            while k + WIDTH <= i {
+                let to = &mut self.y[k..k + WIDTH];
+                v.fnma(L::load(&row[k..]), L::load(to)).store(to);
+                k += WIDTH;
+            }
+            for k in k..i {
+                self.y[k] -= row[k] * value;
+            }
+            self.y[i] = value;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn factors_of_any_size_solve_their_systems() {
+        for n in [1, 2, 15, 31, 32, 33, 64, 70, 101] {
+            // A covariance that falls with distance, which has a factor.
+            let entry =
+                |i: usize, j: usize| (-0.3 * i.abs_diff(j) as f32).exp() + if i == j { 0.1 } else { 0.0 };
+            let mut cholesky = Cholesky::default();
+            let (rows, stride) = cholesky.prepare(n);
+            for i in 0..n {
+                for j in 0..=i {
+                    rows[i * stride + j] = entry(i, j);
+                }
+            }
+            cholesky.factor();
+            let x: Vec<f32> = (0..n).map(|i| (i as f32 * 0.7).sin()).collect();
+            let mut y: Vec<f32> = (0..n).map(|i| (0..n).map(|j| entry(i, j) * x[j]).sum()).collect();
+            cholesky.solve(&mut y);
+            for (a, b) in y.iter().zip(&x) {
+                assert!((a - b).abs() < 1e-4, "n {n}: {a} instead of {b}");
+            }
+        }
+    }
+}

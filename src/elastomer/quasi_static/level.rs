@@ -1,0 +1,423 @@
+//! One resolution of the pad: its equilibrium, and the way from one to the next.
+
+use super::super::{ContactForces, ElastomerCapture, Error, Friction, Material, SolverStats, Surface};
+use super::contact::{Contacts, STICK_STRENGTH};
+use super::grid::Grid;
+use super::layer::RestLayer;
+use super::newton::{Machine, Newton, Outcome, Problem};
+use super::operator::Operator;
+use super::probe;
+use super::resolution::Resolution;
+use super::springs::FaceGreen;
+use crate::indenter::Indenter;
+use crate::pose::Pose;
+use glam::Vec3;
+use std::sync::Arc;
+
+/// Solves per increment between which multipliers, anchors and bounds are brought up to date.
+const MOST_ROUNDS: u32 = 40;
+/// Rounds that end at a part of the residual they began with, and that part.
+const QUICK_ROUNDS: u32 = 30;
+/// See [`QUICK_ROUNDS`].
+const QUICK_REDUCTION: f64 = 0.5;
+/// Error of the surface per penetration at the corners of loaded cells: against cells of half the size, a sphere
+/// and a flat moon pressed 0.5 mm are 1.6 and 8.6 um off, 0.3 and 1.7 %.
+const MISFIT_TO_ERROR: f64 = 2.0;
+/// Error of the surface per friction that was still changing (found by experiment).
+const FRICTION_TO_ERROR: f64 = 0.1;
+/// Newton iterations in an increment before it is halved.
+const MOST_NEWTON: u32 = 100;
+/// A residual (relative to the contact forces) with which an increment may end when its rounds are used up.
+const ROUGH_RESIDUAL: f64 = 0.05;
+/// A residual with which another round is worth its while.
+const HOPELESS_RESIDUAL: f64 = 0.3;
+/// Least volume ratio of a guess.
+const GUESS_VOLUME: f32 = 0.1;
+/// Longest way of the indenter in one increment, mm: a stick press in one stride of 1 mm loses 1 to 8 % of
+/// the force, because the anchors follow the path; half of that converges.
+const LONGEST_INCREMENT_MM: f64 = 0.5;
+/// Longest way along the face in one increment with friction, mm.
+const LONGEST_SLIDE_MM: f64 = 0.25;
+/// Largest turn in one increment, degrees.
+const LARGEST_TURN_DEG: f64 = 5.0;
+/// Smallest distance of the contact from the pad's edge, mm.
+const EDGE_MARGIN_MM: f64 = 1.0;
+
+/// The pad at one resolution.
+#[derive(Debug)]
+pub struct Level {
+    machine: Arc<Machine>,
+    /// Residual to reach, relative to the contact forces.
+    residual: f64,
+    /// Penetration that may remain, mm.
+    violation_mm: f64,
+    /// Forces below this count as this, N.
+    least_force: f64,
+    /// The equilibrium reached.
+    at: Equilibrium,
+    /// The iteration and its counters.
+    pub newton: Newton,
+}
+
+/// What a way leaves behind.
+#[derive(Debug, Clone)]
+pub struct Equilibrium {
+    pose: Pose,
+    contacts: Contacts,
+    u: Vec<f32>,
+    /// Displacement one increment ago, and the way of the indenter since then, for extrapolation.
+    last: Option<(Vec<f32>, [f64; 4])>,
+    at_rest: bool,
+    outcome: Option<Outcome>,
+    /// Largest penetration at a sample point after the last solve, mm.
+    penetration_mm: f64,
+    /// Part of the friction that was still changing after the last solve.
+    unsettled: f64,
+}
+
+impl Level {
+    /// A pad of `size` mm at rest, the indenter at `pose`.
+    pub fn new(
+        size: [f64; 3],
+        material: &Material,
+        friction: Friction,
+        resolution: &Resolution,
+        pose: Pose,
+    ) -> Self {
+        let grid = Grid::new(size, resolution.cell_mm, resolution.first_height, resolution.growth);
+        let (mu, lambda) = (material.mu_mpa(), material.lambda_mpa());
+        let layer = RestLayer::new(&grid, mu, lambda);
+        let green = FaceGreen::new(&grid, &layer);
+        // 17 MPa/mm at E = 0.145 MPa and cells of 0.4 mm: ten times the pad's own stiffness at that scale;
+        // the multipliers do the rest.
+        let stiffness = 50.0 * material.youngs_modulus_mpa / grid.hx;
+        let contacts = Contacts::new(&grid, resolution.samples, stiffness, friction, STICK_STRENGTH * mu);
+        let u = vec![0.0; grid.field_len()];
+        let least_force = 1e-5 * material.youngs_modulus_mpa * grid.hx * grid.hy;
+        let operator = Operator::new(grid, material.law, mu, lambda);
+        Self {
+            machine: Arc::new(Machine { operator, layer, green }),
+            residual: resolution.residual,
+            violation_mm: resolution.violation_mm,
+            least_force,
+            at: Equilibrium {
+                pose,
+                contacts,
+                u,
+                last: None,
+                at_rest: true,
+                outcome: None,
+                penetration_mm: 0.0,
+                unsettled: 0.0,
+            },
+            newton: Newton::default(),
+        }
+    }
+
+    /// The same pad in the same state, with counters of its own.
+    pub fn fork(&self) -> Self {
+        Self {
+            machine: Arc::clone(&self.machine),
+            residual: self.residual,
+            violation_mm: self.violation_mm,
+            least_force: self.least_force,
+            at: self.at.clone(),
+            newton: Newton::ended_by(self.newton.interrupt.clone()),
+        }
+    }
+
+    /// Its grid.
+    pub fn grid(&self) -> &Grid {
+        self.machine.operator.grid()
+    }
+
+    /// Where the indenter is.
+    pub fn pose(&self) -> &Pose {
+        &self.at.pose
+    }
+
+    /// Whether nothing touches.
+    pub fn at_rest(&self) -> bool {
+        self.at.at_rest
+    }
+
+    /// Displacement of the control points, mm.
+    pub fn displacement(&self) -> &[f32] {
+        &self.at.u
+    }
+
+    /// The equilibrium, to come back to.
+    pub fn equilibrium(&self) -> Equilibrium {
+        self.at.clone()
+    }
+
+    /// Change of the displacement since an equilibrium of before, mm.
+    pub fn change_since(&self, before: &Equilibrium) -> Vec<f32> {
+        self.at.u.iter().zip(&before.u).map(|(now, then)| now - then).collect()
+    }
+
+    /// Back to an equilibrium of before.
+    pub fn return_to(&mut self, at: Equilibrium) {
+        self.at = at;
+    }
+
+    /// Moves the indenter where nothing touches.
+    pub fn rest_at(&mut self, pose: &Pose) {
+        let at = &mut self.at;
+        at.contacts.clear();
+        at.u.fill(0.0);
+        (at.at_rest, at.last, at.outcome, at.pose) = (true, None, None, *pose);
+    }
+
+    /// Whether the indenter at `pose` would be clear of the face at rest.
+    pub fn is_clear(&self, indenter: &dyn Indenter, pose: &Pose) -> bool {
+        self.at.contacts.least_gap(indenter, pose, None) >= 0.0
+    }
+
+    /// Where a way straight down from rest first touches, as a part of it; 0 for any other way.
+    pub fn idle_part(&self, indenter: &dyn Indenter, pose: &Pose) -> f64 {
+        let straight_down = Pose { z_mm: self.at.pose.z_mm, ..*pose } == self.at.pose;
+        if self.at.at_rest && straight_down {
+            self.at.contacts.first_touch(indenter, &self.at.pose, pose)
+        } else {
+            0.0
+        }
+    }
+
+    /// One increment to `pose`; the state is unchanged when it fails. `hint` is the change of displacement
+    /// that a coarser level found for it.
+    ///
+    /// # Errors
+    /// How the solution ended, when it was none.
+    pub fn increment(
+        &mut self,
+        indenter: &dyn Indenter,
+        pose: &Pose,
+        hint: Option<&[f32]>,
+    ) -> Result<(), Outcome> {
+        // The face at rest is an equilibrium wherever the indenter does not touch it.
+        if self.is_clear(indenter, pose) {
+            self.rest_at(pose);
+            return Ok(());
+        }
+        let saved = self.at.clone();
+        self.at.contacts.begin_increment(indenter, &saved.pose, pose, &saved.u);
+        let machine = Arc::clone(&self.machine);
+        let problem = Problem { machine: &machine, indenter, pose, least_force: self.least_force };
+        let way = way_between(&saved.pose, pose);
+        self.guess(&problem, &way, hint);
+        match self.settle(&problem) {
+            Ok(outcome) => {
+                self.at.contacts.end_increment(indenter);
+                self.at.last = (!saved.at_rest).then_some((saved.u, way));
+                self.at.at_rest = false;
+                self.at.outcome = Some(outcome);
+                self.at.pose = *pose;
+                Ok(())
+            }
+            Err(outcome) => {
+                self.at = saved;
+                Err(outcome)
+            }
+        }
+    }
+
+    /// How many increments a way takes: a press may be long; what moves along the face with friction goes
+    /// part of a cell at a time, so that points come and go a few at once.
+    pub fn increments(&self, from: &Pose, to: &Pose) -> f64 {
+        let along = (to.x_mm - from.x_mm).hypot(to.y_mm - from.y_mm);
+        let down = (to.z_mm - from.z_mm).abs();
+        let turn = (to.theta_deg - from.theta_deg).abs();
+        let short = if self.at.contacts.has_friction() { LONGEST_SLIDE_MM } else { LONGEST_INCREMENT_MM };
+        (down / LONGEST_INCREMENT_MM).max(along / short).max(turn / LARGEST_TURN_DEG).ceil().max(1.0)
+    }
+
+    /// Guesses the displacement at the next pose: as a coarser level says, else extrapolated where the way
+    /// goes on as before, and then one linear solve in which what touches keeps touching. A guess that folds the
+    /// pad is dropped.
+    fn guess(&mut self, problem: &Problem<'_>, way: &[f64; 4], hint: Option<&[f32]>) {
+        let before = self.at.u.clone();
+        if let Some(hint) = hint {
+            for (u, h) in self.at.u.iter_mut().zip(hint) {
+                *u += h;
+            }
+            if self.newton.least_volume(&problem.machine.operator, &self.at.u) > GUESS_VOLUME {
+                return;
+            }
+            self.at.u.copy_from_slice(&before);
+        }
+        if self.at.at_rest {
+            return;
+        }
+        if let Some((older, last_way)) = &self.at.last
+            && let Some(s) = along(way, last_way)
+        {
+            for (u, b) in self.at.u.iter_mut().zip(older) {
+                *u += s as f32 * (*u - b);
+            }
+            if !(self.newton.least_volume(&problem.machine.operator, &self.at.u) > GUESS_VOLUME) {
+                self.at.u.copy_from_slice(&before);
+            }
+        }
+        self.newton.predict(problem, &mut self.at.contacts, &mut self.at.u);
+    }
+
+    /// Solves in rounds until multipliers, anchors and bounds agree with the displacement, or as nearly as
+    /// the rounds allow: what then disagrees is booked as an error. Multipliers are brought up to date long
+    /// before the displacement has settled, so that both arrive together; a round that was to be sharp comes
+    /// only when this does not converge.
+    fn settle(&mut self, problem: &Problem<'_>) -> Result<Outcome, Outcome> {
+        let mut state = self.newton.begin(problem, &mut self.at.contacts, &self.at.u);
+        let mut spent = 0;
+        let mut rounds = 0;
+        loop {
+            let goal = if rounds < QUICK_ROUNDS { QUICK_REDUCTION * state.relative.min(1.0) } else { 0.0 };
+            let goal = goal.max(self.residual);
+            let mut outcome =
+                self.newton.solve(problem, &mut self.at.contacts, &mut self.at.u, &mut state, goal);
+            rounds += 1;
+            spent += outcome.iterations;
+            outcome.iterations = spent;
+            if !(outcome.residual <= HOPELESS_RESIDUAL.max(goal)) || !state.valid() {
+                return Err(outcome);
+            }
+            let updated =
+                self.at.contacts.update(problem.indenter, [&self.at.pose, problem.pose], &self.at.u, rounds);
+            self.newton.rebalance(problem, &mut self.at.contacts, &self.at.u, &mut state);
+            outcome.residual = state.relative;
+            self.at.penetration_mm = updated.violation_mm;
+            self.at.unsettled = updated.bound_change;
+            let settled = updated.events == 0
+                && updated.violation_mm < self.violation_mm
+                && state.relative <= self.residual;
+            if settled {
+                return Ok(outcome);
+            }
+            if rounds == MOST_ROUNDS || spent > MOST_NEWTON {
+                let near =
+                    updated.violation_mm < 10.0 * self.violation_mm && outcome.residual <= ROUGH_RESIDUAL;
+                return if near { Ok(outcome) } else { Err(outcome) };
+            }
+        }
+    }
+
+    /// Error of the surface relative to depth, estimated from what the splines leave between the sample
+    /// points: the penetration found there, and the residual. Calibrated against finite elements. A body that the
+    /// sample points have missed altogether is seen by [`probe`].
+    pub fn estimated_error(&self, indenter: &dyn Indenter) -> Option<f64> {
+        let depth = self.at.pose.depth_mm();
+        if depth <= 0.0 {
+            return None;
+        }
+        let grid = self.machine.operator.grid();
+        let unseen = probe::unseen_penetration_mm(grid, &self.at.u, indenter, &self.at.pose);
+        // A face at rest under a body that stands in it: nothing of the press is there.
+        let Some(outcome) = self.at.outcome else { return (unseen > 0.0).then_some(1.0) };
+        let between = self.at.contacts.penetration_between(indenter, &self.at.pose, &self.at.u);
+        let misfit = (MISFIT_TO_ERROR * between + self.at.penetration_mm).max(unseen);
+        Some(misfit / depth + outcome.residual + FRICTION_TO_ERROR * self.at.unsettled)
+    }
+
+    /// Refuses contact beside the pad or too close to its edge.
+    pub fn check_margin(&self, indenter: &dyn Indenter) -> Result<(), Error> {
+        let size = self.machine.operator.grid().size;
+        let [hx, hy] = indenter.half_extent_mm();
+        // A body that covers the pad has no contact edge on it.
+        let covers = |at: f64, half: f64, size: f64| at.abs() + size / 2.0 <= half;
+        let distance = |p: f64, at: f64, half: f64, size: f64| {
+            if covers(at, half, size) { f64::INFINITY } else { size / 2.0 - p.abs() }
+        };
+        let mut least = f64::INFINITY;
+        for p in self.at.contacts.touching_points() {
+            least = least.min(distance(p.x, self.at.pose.x_mm, hx, size[0])).min(distance(
+                p.y,
+                self.at.pose.y_mm,
+                hy,
+                size[1],
+            ));
+        }
+        if least < EDGE_MARGIN_MM {
+            return Err(Error::OffPad { pose: self.at.pose, distance_mm: least, allowed_mm: EDGE_MARGIN_MM });
+        }
+        Ok(())
+    }
+
+    /// The face, sampled, and what acts on it.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for a lattice with fewer than two points along a side.
+    pub fn capture(&self, indenter: &dyn Indenter, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
+        if nx < 2 || ny < 2 {
+            return Err(Error::Setting {
+                key: "surface",
+                value: format!("[{nx}, {ny}]"),
+                why: "a surface lattice has at least 2 points along each side".to_owned(),
+            });
+        }
+        let grid = self.machine.operator.grid();
+        let (cx, top) = (grid.cx(), grid.layers() - 1);
+        let tables = |n: usize, size: f64, cells: usize| -> Vec<(f64, usize, [f64; 3])> {
+            (0..n)
+                .map(|i| {
+                    let x = -size / 2.0 + size * i as f64 / (n - 1) as f64;
+                    let (cell, w) = Grid::trace(x, size, cells);
+                    (x, cell, w)
+                })
+                .collect()
+        };
+        let (xs, ys) = (tables(nx, grid.size[0], grid.nx), tables(ny, grid.size[1], grid.ny));
+        let mut positions = Vec::with_capacity(nx * ny);
+        let mut contact = Vec::with_capacity(nx * ny);
+        let patch = self.at.contacts.patch();
+        for (y, j, wy) in &ys {
+            for (x, i, wx) in &xs {
+                let mut p = [*x, *y, 0.0];
+                for (c, p) in p.iter_mut().enumerate() {
+                    let plane = &self.at.u[grid.at(c, top)..][..grid.plane()];
+                    for (b, wy) in wy.iter().enumerate() {
+                        for (a, wx) in wx.iter().enumerate() {
+                            *p += wy * wx * f64::from(plane[(j + b) * cx + i + a]);
+                        }
+                    }
+                }
+                positions.push(Vec3::new(p[0] as f32, p[1] as f32, p[2] as f32));
+                contact.push(patch.contains(x / grid.size[0] + 0.5, y / grid.size[1] + 0.5));
+            }
+        }
+        let (force, torque) = self.at.contacts.resultant(&self.at.pose);
+        let stats = SolverStats {
+            iterations: self.newton.iterations,
+            passes: self.newton.passes,
+            passes_per_step: self.newton.passes as f64 / (self.newton.iterations as f64).max(1.0),
+            limit_hits: 0,
+            particles: grid.points() as u64,
+            residual: self.at.outcome.map_or(0.0, |o| o.residual),
+            estimated_error: self.estimated_error(indenter),
+            elastic_energy_n_mm: self.at.outcome.map_or(0.0, |o| o.evaluation.energy),
+            base_reaction_n: self.at.outcome.map_or(0.0, |o| o.base_force),
+            contact_area_mm2: patch.area_mm2(),
+        };
+        Ok(ElastomerCapture {
+            surface: Surface { nx, ny, size_x_mm: grid.size[0], size_y_mm: grid.size[1], positions },
+            contact,
+            forces: ContactForces {
+                normal_force_n: -force.z,
+                shear_force_n: [-force.x, -force.y],
+                torque_n_mm: -torque,
+            },
+            stats,
+        })
+    }
+}
+
+/// The way from one pose to another as four numbers, a degree counting as 0.05 mm.
+fn way_between(a: &Pose, b: &Pose) -> [f64; 4] {
+    [b.x_mm - a.x_mm, b.y_mm - a.y_mm, b.z_mm - a.z_mm, 0.05 * (b.theta_deg - a.theta_deg)]
+}
+
+/// How many times `last` goes into `way`, if they point the same way.
+fn along(way: &[f64; 4], last: &[f64; 4]) -> Option<f64> {
+    let dot = |a: &[f64; 4], b: &[f64; 4]| -> f64 { a.iter().zip(b).map(|(x, y)| x * y).sum() };
+    let (ww, ll, wl) = (dot(way, way), dot(last, last), dot(way, last));
+    (ll > 0.0 && wl > 0.95 * (ww * ll).sqrt()).then(|| (wl / ll).min(2.0))
+}
