@@ -8,16 +8,20 @@
 //!    kept as irradiance over place and normal ([`probes`]). What the press itself changes in it is added as one bounce
 //!    on a coarse raster ([`bounce`]).
 //! 3. *What a pixel sees* is found by drawing the pad's lattice ([`raster`]) over the corners of pixels; fields and
-//!    horizons are worked out at nodes a few pixels apart and interpolated ([`frame`], [`shade`]).
+//!    horizons are worked out at nodes a few pixels apart and interpolated ([`frame`], [`desk`], [`shade`]), but for
+//!    [`crease`]s, which are sampled.
 //!
 //! There are no random numbers in a frame, so no noise and no fireflies; a picture depends on scene and tolerance alone.
 //! Where this does not apply (glossy coatings, mesh lights, thin lenses) it refuses with [`Error::NotFast`], and the
 //! [imager](super::imager) falls back to the reference mode, which renders all of them.
 
 mod bounce;
+mod crease;
+mod desk;
 mod estimate;
 mod frame;
 mod grid;
+mod ground;
 mod horizon;
 mod lanes;
 mod plate;
@@ -59,8 +63,6 @@ const DIRECT_LIFT_MM: [f32; 2] = [-0.75, 3.0];
 const PROBE_STEP_MM: f32 = 1.0;
 const PROBE_LIFT_MM: [f32; 2] = [0.0, 2.0];
 const PROBE_LIFT_STEP_MM: f32 = 0.5;
-/// Nodes of the untouched face's light between two of the probes.
-const GROUND_STEPS: usize = 3;
 /// Nodes keep this far from the pad's rim, where walls stand, mm.
 const RIM_MM: f32 = 0.05;
 /// Smallest and largest extent of a pad, mm.
@@ -216,7 +218,7 @@ impl Precomputed {
         Self {
             fixed_scene: without_pad_mesh(untouched),
             grain: view.camera.width / untouched.camera.width,
-            grounds: grounds(&sources, &tables, &radiances),
+            grounds: ground::grounds(&sources, &tables, &radiances),
             total: probes::total(&tables.probes, &radiances),
             greys: tables.probes.iter().map(probes::grey).collect(),
             view,
@@ -244,11 +246,6 @@ impl Precomputed {
             });
         }
         Ok(self.lit_by(radiances))
-    }
-
-    /// All lights of radiance 1.
-    fn white(&self) -> Self {
-        self.lit_by(&vec![Vec3::ONE; self.radiances.len()])
     }
 
     fn lit_by(&self, radiances: &[Vec3]) -> Self {
@@ -414,7 +411,7 @@ impl<'a> Renderer<'a> {
         let n = self.once.sources.len();
         let films = match n {
             // A single picture is one of all lights together: here of a white one.
-            1 => self.pictures_of(&self.once.white(), 1).films,
+            1 => self.pictures_of(&self.once.lit_by(&[Vec3::ONE]), 1).films,
             _ => self.pictures(n).films,
         };
         LightBasis { names, films }
@@ -452,33 +449,6 @@ impl<'a> Renderer<'a> {
         }
         pictures
     }
-}
-
-/// Irradiance of the untouched face, of all lights together, and of each alone with radiance 1.
-fn grounds(sources: &[Source], tables: &Tables, radiances: &[Vec3]) -> Vec<Grid<3>> {
-    let places = tables.probes[0].parts().0.face(GROUND_STEPS);
-    let rest_normal = |p: Vec3| tables.probes[0].rest_normal(p);
-    let of_light = |l: usize| -> Vec<[f32; 3]> {
-        let of_place = |k: usize| {
-            let p = places.point(k);
-            let n = rest_normal(p);
-            let phi = match &tables.direct[l] {
-                Some(table) => Vec3::from(table.at(p)),
-                None => tables::arriving(&sources[l], None, p),
-            };
-            let indirect = probes::irradiance(&tables.probes[l].at(p), n);
-            (indirect + phi.dot(n).max(0.0)).to_array()
-        };
-        (0..places.count()).into_par_iter().map(of_place).collect()
-    };
-    let lights: Vec<Vec<[f32; 3]>> = (0..sources.len()).map(of_light).collect();
-    let mut total = vec![[0.0; 3]; places.count()];
-    for (light, radiance) in lights.iter().zip(radiances) {
-        for (sum, e) in total.iter_mut().zip(light) {
-            *sum = (Vec3::from(*sum) + Vec3::from(*e) * *radiance).to_array();
-        }
-    }
-    std::iter::once(total).chain(lights).map(|values| Grid::from_values(places.clone(), values)).collect()
 }
 
 fn unsupported(key: &'static str, value: &str, what: &str) -> Error {

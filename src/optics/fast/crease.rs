@@ -1,0 +1,205 @@
+//! Pixels over creases, folds and rims: means of a grid of samples, each with the triangle on top there, or of what their
+//! corners see where those do not all see the pad.
+
+use super::desk::{Desk, Rectangle};
+use super::lanes::{Eight, Vectors, WIDTH};
+use super::raster::corners;
+use glam::{Vec2, Vec3};
+use std::f32::consts::FRAC_1_PI;
+
+/// Samples along the edge of a pixel over a crease.
+const GRID: usize = 4;
+/// Among corners that lie alike the nearest counts: what a pixel's square of distance is worth in the cosine.
+const NEARNESS: f32 = 0.01;
+/// Variance of the mean of that many samples as part of their own: of an edge they err by N^(-3/4).
+const SAMPLED_ERROR: f64 = 1.0 / (GRID * GRID * GRID) as f64;
+/// The same for the four corners, which are shared with the neighbours.
+const CORNERED_ERROR: f64 = 0.25;
+/// Pixels that see parts of the pad farther apart, in quads, are the mean of their corners.
+const MOST_QUADS: usize = 24;
+
+impl Desk<'_> {
+    /// A pixel over a crease, or one whose corners see different things: the mean of a grid of samples, or of its corners
+    /// where those do not all see the pad.
+    #[inline(never)]
+    pub fn mixed(&mut self, x: usize, y: usize, rectangle: Rectangle) {
+        let corner = |dx: usize, dy: usize| self.frame.corner(x + dx, y + dy).map(|(_, triangle)| triangle);
+        let triangles = [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)];
+        if let [Some(a), Some(b), Some(c), Some(d)] = triangles
+            && let Some(quads) = self.quads([a, b, c, d])
+        {
+            self.sampled(x, y, rectangle, [a, b, c, d].map(|k| self.frame.normal(k)), quads);
+        } else {
+            self.cornered(x, y, rectangle);
+        }
+    }
+
+    /// The quads of the lattice around these triangles, from and to along x and y; None where they are many.
+    fn quads(&self, triangles: [u32; 4]) -> Option<[usize; 4]> {
+        let (nx, ny) = (self.frame.nx - 1, self.frame.vertices.len() / self.frame.nx - 1);
+        let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
+        for triangle in triangles {
+            let quad = triangle as usize / 2;
+            for (k, at) in [quad % nx, quad / nx].into_iter().enumerate() {
+                (low[k], high[k]) = (low[k].min(at), high[k].max(at));
+            }
+        }
+        let few = (0..2).all(|k| high[k] - low[k] < MOST_QUADS);
+        few.then(|| {
+            let [i, j] = low.map(|at| at.saturating_sub(1));
+            [i, (high[0] + 2).min(nx), j, (high[1] + 2).min(ny)]
+        })
+    }
+
+    /// The mean of a grid of samples over a pixel, each with the triangle on top there. Horizons jump at a crease: each
+    /// sample takes those of the corner that lies most as it does.
+    fn sampled(
+        &mut self,
+        x: usize,
+        y: usize,
+        [x0, y0, x1, y1]: Rectangle,
+        corner_normals: [Vec3; 4],
+        [i0, i1, j0, j1]: [usize; 4],
+    ) {
+        let frame = self.frame;
+        let once = frame.once;
+        let films = self.sums.len();
+        let rows = self.out.len() / (self.width * films);
+        let place = |k: usize| Vec2::new((k % GRID) as f32 + 0.5, (k / GRID) as f32 + 0.5) / GRID as f32;
+        // Which triangle is on top at each sample.
+        let mut found = [(f32::NEG_INFINITY, u32::MAX); GRID * GRID];
+        let middle = Vec2::new(x as f32, y as f32);
+        for j in j0..j1 {
+            for i in i0..i1 {
+                let id = 2 * (j * (frame.nx - 1) + i) as u32;
+                for triangle in [id, id + 1] {
+                    let [a, b, c] = corners(triangle, frame.nx).map(|k| frame.vertices[k]);
+                    let [pa, pb, pc] = [a, b, c].map(|p| p.truncate() - middle);
+                    let outside = pa.min(pb).min(pc).cmpgt(Vec2::ONE).any()
+                        || pa.max(pb).max(pc).cmplt(Vec2::ZERO).any();
+                    let area = (pb - pa).perp_dot(pc - pa);
+                    if outside || area == 0.0 || !area.is_finite() {
+                        continue;
+                    }
+                    for (k, found) in found.iter_mut().enumerate() {
+                        let p = place(k);
+                        let wb = (p - pc).perp_dot(pa - pc) / -area;
+                        let wc = (pb - pa).perp_dot(p - pa) / area;
+                        let wa = 1.0 - wb - wc;
+                        let value = a.z * wa + b.z * wb + c.z * wc;
+                        if wa.min(wb).min(wc) >= -1e-4 && value > found.0 {
+                            *found = (value, triangle);
+                        }
+                    }
+                }
+            }
+        }
+        // The light on each.
+        let row = [once.view.row(y), once.view.row(y + 1)];
+        let mut light = vec![Vec3::ZERO; films];
+        let (mut squares, mut count) = (Vec3::ZERO, 0.0f32);
+        for first in (0..GRID * GRID).step_by(WIDTH) {
+            let (mut points, mut normals) = (Vectors::all(Vec3::ZERO), Vectors::all(Vec3::Z));
+            let mut albedos = [Vec3::ZERO; WIDTH];
+            let (mut seen, mut corner) = ([false; WIDTH], [0; WIDTH]);
+            for lane in 0..WIDTH {
+                let (value, triangle) = found[first + lane];
+                if triangle == u32::MAX {
+                    continue;
+                }
+                let at = place(first + lane);
+                let ray: [Vec3; 2] = std::array::from_fn(|k| {
+                    let between = |row: &[[Vec3; 2]]| row[x][k].lerp(row[x + 1][k], at.x);
+                    between(row[0]).lerp(between(row[1]), at.y)
+                });
+                let p = super::View::point(ray, value);
+                let n = frame.normal(triangle);
+                (points.x.0[lane], points.y.0[lane], points.z.0[lane]) = p.into();
+                (normals.x.0[lane], normals.y.0[lane], normals.z.0[lane]) = n.into();
+                albedos[lane] = frame.albedo_at(triangle, p);
+                seen[lane] = true;
+                let like = |k: usize| {
+                    let far = at.distance_squared(Vec2::new((k % 2) as f32, (k / 2) as f32));
+                    n.dot(corner_normals[k]) - NEARNESS * far
+                };
+                corner[lane] = (1..4).fold(0, |best, k| if like(k) > like(best) { k } else { best });
+            }
+            let at = |k: usize, low: usize, high: usize| (k - low) as f32 / (high - low) as f32;
+            let u = Eight(std::array::from_fn(|k| at(x + corner[k] % 2, x0, x1)));
+            let v = Eight(std::array::from_fn(|k| at(y + corner[k] / 2, y0, y1)));
+            self.sums.fill(Vectors::all(Vec3::ZERO));
+            self.block.light([u, v], points, normals, &once.radiances, &mut self.sums);
+            for lane in (0..WIDTH).filter(|&lane| seen[lane]) {
+                for (film, (sum, light)) in self.sums.iter().zip(&mut light).enumerate() {
+                    let value =
+                        albedos[lane] * Vec3::new(sum.x.0[lane], sum.y.0[lane], sum.z.0[lane]) * FRAC_1_PI;
+                    *light += value;
+                    if film == 0 {
+                        squares += value * value;
+                    }
+                }
+                count += 1.0;
+            }
+        }
+        if count == 0.0 {
+            self.cornered(x, y, [x0, y0, x1, y1]);
+            return;
+        }
+        let variance = squares / count - (light[0] / count) * (light[0] / count);
+        *self.spread += SAMPLED_ERROR * f64::from(variance.element_sum().max(0.0));
+        for (film, light) in light.iter().enumerate() {
+            let veil = once.veil(film, films, x, y);
+            self.out[(film * rows + y - self.first) * self.width + x] =
+                *light / count * once.transmitted(x, y) + veil;
+        }
+    }
+
+    /// The mean of what the corners of a pixel see.
+    fn cornered(&mut self, x: usize, y: usize, [x0, y0, x1, y1]: Rectangle) {
+        let once = self.frame.once;
+        let films = self.sums.len();
+        let rows = self.out.len() / (self.width * films);
+        let (mut points, mut normals) = (Vectors::all(Vec3::ZERO), Vectors::all(Vec3::Z));
+        let mut albedos = [Vec3::ZERO; 4];
+        let mut fixed = vec![Vec3::ZERO; films];
+        for (k, (cx, cy)) in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].into_iter().enumerate() {
+            match self.frame.corner(cx, cy) {
+                Some((p, triangle)) => {
+                    let n = self.frame.normal(triangle);
+                    (points.x.0[k], points.y.0[k], points.z.0[k]) = p.into();
+                    (normals.x.0[k], normals.y.0[k], normals.z.0[k]) = n.into();
+                    albedos[k] = self.frame.albedo_at(triangle, p);
+                }
+                None => {
+                    for (film, sum) in fixed.iter_mut().enumerate() {
+                        *sum += 0.25 * once.fixed_light(film, films, cx, cy);
+                    }
+                }
+            }
+        }
+        if albedos != [Vec3::ZERO; 4] {
+            // Each corner with the light and the horizons where it stands.
+            let at = |k: usize, low: usize, high: usize| ((k - low) as f32) / (high - low) as f32;
+            let u = Eight(std::array::from_fn(|k| at(x + k % 2, x0, x1)));
+            let v = Eight(std::array::from_fn(|k| at(y + k / 2 % 2, y0, y1)));
+            self.sums.fill(Vectors::all(Vec3::ZERO));
+            self.block.light([u, v], points, normals, &once.radiances, &mut self.sums);
+        }
+        for (film, fixed) in fixed.iter().enumerate() {
+            let mut light = Vec3::ZERO;
+            let mut squares = Vec3::ZERO;
+            for (k, albedo) in albedos.iter().enumerate() {
+                let sum = &self.sums[film];
+                let value = *albedo * Vec3::new(sum.x.0[k], sum.y.0[k], sum.z.0[k]) * FRAC_1_PI;
+                light += 0.25 * value;
+                squares += 0.25 * value * value;
+            }
+            if film == 0 {
+                *self.spread += CORNERED_ERROR * f64::from((squares - light * light).element_sum().max(0.0));
+            }
+            let veil = once.veil(film, films, x, y);
+            self.out[(film * rows + y - self.first) * self.width + x] =
+                light * once.transmitted(x, y) + *fixed + veil;
+        }
+    }
+}

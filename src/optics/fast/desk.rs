@@ -1,0 +1,417 @@
+//! The pixels of a picture: blocks between nodes, divided where what they hold cannot be interpolated, and shaded eight
+//! pixels at a time.
+
+use super::bounce::Cell;
+use super::frame::{Frame, NODE_PX, Toward, uv};
+use super::lanes::{Eight, Mask, Vectors, WIDTH, Work};
+use super::shade::Block;
+use super::slots::POSITION;
+use super::source::{COARSE, LINES};
+use crate::optics::Albedo;
+use glam::{Vec2, Vec3};
+use std::f32::consts::FRAC_1_PI;
+
+/// A pixel over which the ground's slope changes by more is looked at in its corners.
+const CREASE: f32 = 0.2;
+/// Where a pixel's corners differ in height by more than this many pixels, they see different things.
+const STEEPEST: f32 = 8.0;
+/// Where nothing is seen.
+const NOWHERE: f32 = 1e30;
+
+/// A row of blocks.
+pub struct Row<'a> {
+    pub frame: &'a Frame<'a>,
+    pub nodes: &'a [f32],
+    pub row: usize,
+    pub cell_px: usize,
+    pub out: &'a mut [Vec3],
+    pub cells: &'a mut [Cell],
+    pub light: &'a mut [Vec3],
+    pub spread: &'a mut f64,
+}
+
+/// A rectangle of pixels: x0, y0, x1, y1.
+pub type Rectangle = [usize; 4];
+
+/// Room for the work on a row.
+pub struct Desk<'a> {
+    pub frame: &'a Frame<'a>,
+    pub block: Block<'a>,
+    pub first: usize,
+    pub width: usize,
+    /// Coordinates of the corners, row by row, with one more on every side and room to read eight at the end.
+    pub stride: usize,
+    pub points: [Vec<f32>; 3],
+    pub uvs: Vec<Vec2>,
+    pub out: &'a mut [Vec3],
+    pub sums: Vec<Vectors>,
+    /// Nodes of a block that is being divided, and its parts that wait.
+    pub arena: Vec<f32>,
+    pub waiting: Vec<(Rectangle, [usize; 4])>,
+    pub cell_px: usize,
+    pub cells: &'a mut [Cell],
+    pub light: &'a mut [Vec3],
+    pub spread: &'a mut f64,
+}
+
+/// Pixels that are shaded at once: rows of a block, one after the other.
+#[derive(Debug, Clone, Copy)]
+struct Lanes {
+    x0: usize,
+    columns: usize,
+    top: usize,
+    count: usize,
+}
+
+impl Lanes {
+    #[inline(always)]
+    fn pixel(self, i: usize) -> (usize, usize) {
+        (self.x0 + i % self.columns, self.top + i / self.columns)
+    }
+}
+
+/// What a block is divided for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Finer {
+    /// Everything.
+    Fields,
+    /// The edges of shadows alone.
+    Horizons,
+}
+
+impl Work for Row<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { frame, nodes, row, cell_px, out, cells, light, spread } = self;
+        let camera = &frame.once.view.camera;
+        let (width, films) = (camera.width, frame.slots.films);
+        let first = row * NODE_PX;
+        let last = (first + NODE_PX).min(camera.height);
+        let stride = width + 3 + WIDTH;
+        let mut points = [(); 3].map(|()| vec![NOWHERE; (last - first + 3) * stride]);
+        let textured = matches!(frame.albedo, Albedo::Texture(_));
+        let mut uvs = vec![Vec2::ZERO; if textured { (last - first + 3) * stride } else { 0 }];
+        for j in 0..last - first + 3 {
+            // Beyond the picture its border is repeated.
+            let y = (first + j).saturating_sub(1).min(camera.height);
+            for i in 0..width + 3 {
+                let x = i.saturating_sub(1).min(width);
+                let Some((p, triangle)) = frame.corner(x, y) else { continue };
+                let k = j * stride + i;
+                (points[0][k], points[1][k], points[2][k]) = (p.x, p.y, p.z);
+                if textured {
+                    uvs[k] = uv(frame.mesh, frame.nx, triangle, p);
+                }
+            }
+        }
+        let block = Block::new(&frame.slots, &frame.once.sources, frame.effort.thorough);
+        let sums = vec![Vectors::all(Vec3::ZERO); films];
+        let (arena, waiting) = (Vec::new(), Vec::new());
+        let mut desk = Desk {
+            frame,
+            block,
+            first,
+            width,
+            stride,
+            points,
+            uvs,
+            out,
+            sums,
+            arena,
+            waiting,
+            cell_px,
+            cells,
+            light,
+            spread,
+        };
+        let [columns, _] = frame.node_counts();
+        let size = frame.slots.stride();
+        for i in 0..columns - 1 {
+            let rectangle = [i * NODE_PX, first, ((i + 1) * NODE_PX).min(width), last];
+            let node = |i: usize, j: usize| &nodes[((row + j) * columns + i) * size..][..size];
+            let four = [node(i, 0), node(i + 1, 0), node(i, 1), node(i + 1, 1)];
+            if four.iter().all(|n| !n[POSITION].is_nan()) {
+                desk.divide(rectangle, four);
+            } else {
+                desk.partial(rectangle, four);
+            }
+        }
+    }
+}
+
+impl Desk<'_> {
+    /// Where the numbers of a corner stand.
+    #[inline(always)]
+    fn at(&self, x: usize, y: usize) -> usize {
+        (y + 1 - self.first) * self.stride + x + 1
+    }
+
+    #[inline(always)]
+    fn point(&self, x: usize, y: usize) -> Vec3 {
+        let k = self.at(x, y);
+        Vec3::new(self.points[0][k], self.points[1][k], self.points[2][k])
+    }
+
+    /// A block some of whose nodes see no pad: they borrow a point of it that does.
+    #[inline(never)]
+    fn partial(&mut self, rectangle: Rectangle, four: [&[f32]; 4]) {
+        let [x0, y0, x1, y1] = rectangle;
+        let mut any = (y0..=y1).flat_map(|y| (x0..=x1).map(move |x| (x, y)));
+        let Some((x, y)) = any.find(|&(x, y)| self.point(x, y).x != NOWHERE) else {
+            (y0..y1).for_each(|y| (x0..x1).for_each(|x| self.mixed(x, y, rectangle)));
+            return;
+        };
+        let mut borrowed = vec![0.0; self.frame.slots.stride()];
+        self.frame.fill(&[self.point(x, y)], &mut borrowed);
+        self.shade(rectangle, four.map(|n| if n[POSITION].is_nan() { &borrowed[..] } else { n }));
+    }
+
+    /// Divides a block until what it holds can be interpolated.
+    #[inline(always)]
+    fn divide(&mut self, rectangle: Rectangle, four: [&[f32]; 4]) {
+        if self.finer(rectangle, four).is_none() {
+            self.shade(rectangle, four);
+            return;
+        }
+        // Parts that wait, with their nodes in the arena.
+        let stride = self.frame.slots.stride();
+        let mut arena = std::mem::take(&mut self.arena);
+        let mut waiting = std::mem::take(&mut self.waiting);
+        arena.clear();
+        four.iter().for_each(|n| arena.extend_from_slice(n));
+        waiting.push((rectangle, [0, 1, 2, 3]));
+        while let Some((rectangle, ids)) = waiting.pop() {
+            let [x0, y0, x1, y1] = rectangle;
+            let parents = ids.map(|k| &arena[k * stride..][..stride]);
+            let Some(finer) = self.finer(rectangle, parents) else {
+                self.shade(rectangle, parents);
+                continue;
+            };
+            let (mx, my) = ((x0 + x1) / 2, (y0 + y1) / 2);
+            let next = arena.len() / stride;
+            let inner = [(mx, y0), (x0, my), (mx, my), (x1, my), (mx, y1)].map(|(x, y)| self.point(x, y));
+            let (old, fresh) = {
+                let at = arena.len();
+                arena.resize(at + inner.len() * stride, 0.0);
+                arena.split_at_mut(at)
+            };
+            match finer {
+                Finer::Fields => self.frame.fill(&inner, fresh),
+                Finer::Horizons => {
+                    let (u, v) = ((mx - x0) as f32 / (x1 - x0) as f32, (my - y0) as f32 / (y1 - y0) as f32);
+                    let parents = ids.map(|k| &old[k * stride..][..stride]);
+                    let places = [[u, 0.0], [0.0, v], [u, v], [1.0, v], [u, 1.0]];
+                    for ((node, p), at) in fresh.chunks_exact_mut(stride).zip(inner).zip(places) {
+                        self.frame.fill_between(p, parents, at, node);
+                    }
+                }
+            }
+            let [a, b, c, d] = ids;
+            let [top, left, middle, right, bottom] = [0, 1, 2, 3, 4].map(|k| next + k);
+            waiting.push(([x0, y0, mx, my], [a, top, left, middle]));
+            waiting.push(([mx, y0, x1, my], [top, b, middle, right]));
+            waiting.push(([x0, my, mx, y1], [left, middle, c, bottom]));
+            waiting.push(([mx, my, x1, y1], [middle, right, bottom, d]));
+        }
+        (self.arena, self.waiting) = (arena, waiting);
+    }
+
+    /// Whether a block must be divided, and can be, and for what.
+    #[inline(always)]
+    fn finer(&self, rectangle: Rectangle, four: [&[f32]; 4]) -> Option<Finer> {
+        let [x0, y0, x1, y1] = rectangle;
+        let (effort, size) = (&self.frame.effort, (x1 - x0).max(y1 - y0) as f32 * self.frame.once.pixel_mm);
+        if x1 - x0 < 2 || y1 - y0 < 2 {
+            return None;
+        }
+        let (mx, my) = ((x0 + x1) / 2, (y0 + y1) / 2);
+        let curved = || {
+            let mean = 0.25 * four.iter().map(|n| n[POSITION + 2]).sum::<f32>();
+            (self.point(mx, my).z - mean).abs() > effort.curved_mm
+        };
+        let wanted = if size > effort.block_mm || curved() {
+            Finer::Fields
+        } else if size > effort.shadow_mm && self.bends([mx, my], rectangle, four) {
+            Finer::Horizons
+        } else {
+            return None;
+        };
+        let inner = [(mx, y0), (x0, my), (mx, my), (x1, my), (mx, y1)];
+        inner.iter().all(|&(x, y)| self.point(x, y).x != NOWHERE).then_some(wanted)
+    }
+
+    /// Whether interpolated horizons would be wrong by too much light at the middle of a block.
+    #[inline(always)]
+    fn bends(&self, [mx, my]: [usize; 2], [x0, y0, x1, y1]: Rectangle, four: [&[f32]; 4]) -> bool {
+        let frame = self.frame;
+        let slots = &frame.slots;
+        let flagged = |l: usize| four.iter().any(|n| n[slots.light(l)] > 0.0);
+        if frame.effort.thorough || !(0..frame.once.sources.len()).any(flagged) {
+            return frame.effort.thorough;
+        }
+        let p = self.point(mx, my);
+        if p.x == NOWHERE {
+            return false;
+        }
+        let (u, v) = ((mx - x0) as f32 / (x1 - x0) as f32, (my - y0) as f32 / (y1 - y0) as f32);
+        let between = |k: usize| {
+            let (top, bottom) =
+                (four[0][k] * (1.0 - u) + four[1][k] * u, four[2][k] * (1.0 - u) + four[3][k] * u);
+            top * (1.0 - v) + bottom * v
+        };
+        let vector = |k: usize| Vec3::new(between(k), between(k + 1), between(k + 2));
+        let [a, b, c, d] = four.map(|n| Vec3::from_slice(&n[POSITION..]));
+        let normal = (c - b).cross(d - a).normalize_or(Vec3::Z);
+        let normal = if normal.z < 0.0 { -normal } else { normal };
+        let mut wrong = 0.0;
+        for (l, source) in frame.once.sources.iter().enumerate().filter(|(l, _)| flagged(*l)) {
+            let light = vector(slots.direct(l)).dot(normal).max(0.0) * frame.strength(l);
+            if light <= frame.effort.shadow * frame.level {
+                continue;
+            }
+            let mut departs = 0.0;
+            for k in (0..LINES).step_by(COARSE) {
+                let line = match slots.varying() {
+                    true => [0, 3].map(|end| vector(slots.line(l, k) + end)),
+                    false => source.line(k, LINES - 1, p).map(|end| end - p),
+                };
+                let sight = Toward::new(line);
+                let cut =
+                    |slope: f32| ((slope - sight.from) / (sight.to - sight.from).max(1e-6)).clamp(0.0, 1.0);
+                let horizon = sight.horizon(frame.heights, p, slots.bent());
+                departs += (cut(horizon) - cut(between(slots.horizons(l) + k))).abs();
+            }
+            wrong += light * departs / 3.0;
+        }
+        wrong > frame.effort.shadow * frame.level
+    }
+
+    /// Shades a block, eight pixels at a time: of narrow blocks several rows at once.
+    #[inline(always)]
+    fn shade(&mut self, rectangle: Rectangle, four: [&[f32]; 4]) {
+        let [x0, y0, x1, y1] = rectangle;
+        self.block.prepare(four);
+        let scale = [1.0 / (x1 - x0) as f32, 1.0 / (y1 - y0) as f32];
+        let limit = Eight::all(STEEPEST * self.frame.once.pixel_mm);
+        let crease = Eight::all(CREASE * self.frame.once.pixel_mm);
+        let columns = x1 - x0;
+        let at_once = (WIDTH / columns).max(1);
+        for top in (y0..y1).step_by(at_once) {
+            let lanes = Lanes { x0, columns, top, count: columns * at_once.min(y1 - top) };
+            let u = Eight(std::array::from_fn(|i| ((i % columns) as f32 + 0.5) * scale[0]));
+            let v = Eight(std::array::from_fn(|i| ((top - y0 + i / columns) as f32 + 0.5) * scale[1]));
+            let first = self.at(x0, top);
+            let stride = self.stride;
+            let read = |c: usize, step: usize| match columns == WIDTH {
+                true => Eight(std::array::from_fn(|i| self.points[c][first + step..first + step + WIDTH][i])),
+                // (Beyond the last row of the block it reads that row.)
+                false => Eight(std::array::from_fn(|i| {
+                    let i = i.min(lanes.count - 1);
+                    self.points[c][first + step + i / columns * stride + i % columns]
+                })),
+            };
+            let vectors = |k: usize| Vectors { x: read(0, k), y: read(1, k), z: read(2, k) };
+            let (a, b) = (vectors(0), vectors(1));
+            let (c, d) = (vectors(stride), vectors(stride + 1));
+            let low = a.z.min(b.z).min(c.z.min(d.z));
+            let high = a.z.max(b.z).max(c.z.max(d.z));
+            let steep = limit.below(high - low);
+            let before = |k: usize| {
+                let back = first - k;
+                match columns == WIDTH {
+                    true => Eight(std::array::from_fn(|i| self.points[2][back..back + WIDTH][i])),
+                    false => Eight(std::array::from_fn(|i| {
+                        let i = i.min(lanes.count - 1);
+                        self.points[2][back + i / columns * stride + i % columns]
+                    })),
+                }
+            };
+            let bend = |step: usize, next: Eight| ((read(2, 2 * step) - next) - (a.z - before(step))).abs();
+            let uneven = steep.or(crease.below(bend(1, b.z).max(bend(stride, c.z))));
+            let point = (a + b + c + d).scaled(Eight::all(0.25));
+            // The picture's y runs downwards: this order points to the camera.
+            let normal = (c - b).cross(d - a).unit();
+            let away = normal.z.below(Eight::all(0.0));
+            let normal = Vectors {
+                x: away.choose(-normal.x, normal.x),
+                y: away.choose(-normal.y, normal.y),
+                z: away.choose(-normal.z, normal.z),
+            };
+            self.sums.fill(Vectors::all(Vec3::ZERO));
+            self.block.light([u, v], point, normal, &self.frame.once.radiances, &mut self.sums);
+            self.put(lanes);
+            self.count(lanes, point, normal, steep);
+            if uneven.any() {
+                for i in (0..lanes.count).filter(|&i| uneven.lane(i)) {
+                    let (x, y) = lanes.pixel(i);
+                    self.mixed(x, y, rectangle);
+                }
+            }
+        }
+    }
+
+    /// Adds pixels to the cells of the bounce; of large cells some rows stand for all.
+    #[inline(always)]
+    fn count(&mut self, lanes: Lanes, points: Vectors, normals: Vectors, not: Mask) {
+        let columns = self.width.div_ceil(self.cell_px);
+        let cells = self.cells.len();
+        for i in 0..lanes.count {
+            let (x, y) = lanes.pixel(i);
+            if not.lane(i) || (self.cell_px >= 4 && y % 4 != 1) {
+                continue;
+            }
+            let k = (y - self.first) / self.cell_px * columns + x / self.cell_px;
+            let pick = |v: &Vectors| Vec3::new(v.x.0[i], v.y.0[i], v.z.0[i]);
+            let cell = &mut self.cells[k];
+            cell.position += pick(&points);
+            cell.normal += pick(&normals);
+            cell.count += 1.0;
+            for (film, sum) in self.sums.iter().enumerate() {
+                self.light[film * cells + k] += pick(sum);
+            }
+        }
+    }
+
+    /// Writes the light on pixels.
+    #[inline(always)]
+    fn put(&mut self, lanes: Lanes) {
+        let rows = self.out.len() / (self.width * self.sums.len());
+        for i in 0..lanes.count {
+            let (x, y) = lanes.pixel(i);
+            let albedo = self.albedo(x, y) * (FRAC_1_PI * self.frame.once.transmitted(x, y));
+            for (film, sum) in self.sums.iter().enumerate() {
+                let light = Vec3::new(sum.x.0[i], sum.y.0[i], sum.z.0[i]);
+                let veil = self.frame.once.veil(film, self.sums.len(), x, y);
+                self.out[(film * rows + y - self.first) * self.width + x] = albedo * light + veil;
+            }
+        }
+    }
+
+    /// The mean albedo of a pixel.
+    #[inline(always)]
+    fn albedo(&self, x: usize, y: usize) -> Vec3 {
+        match self.frame.albedo {
+            Albedo::Constant(albedo) => *albedo,
+            Albedo::Texture(texture) => {
+                let k = self.at(x, y);
+                let (a, b) = (self.uvs[k], self.uvs[k + 1]);
+                let (c, d) = (self.uvs[k + self.stride], self.uvs[k + self.stride + 1]);
+                let mean = |n: usize| {
+                    let mut sum = Vec3::ZERO;
+                    for k in 0..n * n {
+                        let (s, t) = ((k % n) as f32 + 0.5, (k / n) as f32 + 0.5);
+                        let (s, t) = (s / n as f32, t / n as f32);
+                        sum += texture.sample(a.lerp(b, s).lerp(c.lerp(d, s), t));
+                    }
+                    sum / (n * n) as f32
+                };
+                // As many samples as the pixel covers texels, at least 2 x 2.
+                let size = Vec2::new(texture.width as f32, texture.height as f32);
+                let spread = ((d - a) * size).abs().max((c - b) * size).max_element();
+                if spread < 2.5 { mean(2) } else { mean((spread.ceil() as usize).clamp(3, 16)) }
+            }
+        }
+    }
+}
