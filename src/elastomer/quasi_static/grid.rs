@@ -41,11 +41,10 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// A grid over a pad of `size` mm with cells of about `h` mm at the contact face. Cell heights
+    /// A grid over a pad of `size` mm with cells of at most `h` mm in the plane. Cell heights
     /// begin at `first` h at the face and grow by `growth` from cell to cell.
     pub fn new(size: [f64; 3], h: f64, first: f64, growth: f64) -> Self {
-        let blocks = ((size[0] / h / 16.0).round() as usize).max(1);
-        let nx = 16 * blocks;
+        let nx = 16 * Self::blocks(size[0], h);
         let hx = size[0] / nx as f64;
         let ny = ((size[1] / hx).round() as usize).max(8);
         let hy = size[1] / ny as f64;
@@ -64,6 +63,11 @@ impl Grid {
         let hz: Vec<f64> = heights.iter().rev().map(|t| t * size[2] / total).collect();
         let z = open_basis(&hz);
         Self { nx, ny, hx, hy, hz, size, x: uniform_basis(hx), y: uniform_basis(hy), z }
+    }
+
+    /// Blocks of sixteen cells of at most `h` mm along a side of `size` mm.
+    pub fn blocks(size: f64, h: f64) -> usize {
+        ((size / h / 16.0 - 1e-6).ceil() as usize).max(1)
     }
 
     /// Control points along x.

@@ -25,6 +25,8 @@ const QUICK_REDUCTION: f64 = 0.5;
 const MISFIT_TO_ERROR: f64 = 2.0;
 /// Error of the surface per friction that was still changing (found by experiment).
 const FRICTION_TO_ERROR: f64 = 0.1;
+/// A press counts as at least this deep where errors are relative to depth, mm.
+const LEAST_DEPTH_MM: f64 = 0.02;
 /// Newton iterations in an increment before it is halved.
 const MOST_NEWTON: u32 = 100;
 /// A residual (relative to the contact forces) with which an increment may end when its rounds are used up.
@@ -49,8 +51,8 @@ pub struct Level {
     machine: Arc<Machine>,
     /// Residual to reach, relative to the contact forces.
     residual: f64,
-    /// Penetration that may remain, mm.
-    violation_mm: f64,
+    /// Penetration that may remain, relative to depth.
+    penetration: f64,
     /// Forces below this count as this, N.
     least_force: f64,
     /// The equilibrium reached.
@@ -98,7 +100,7 @@ impl Level {
         Self {
             machine: Arc::new(Machine { operator, layer, green }),
             residual: resolution.residual,
-            violation_mm: resolution.violation_mm,
+            penetration: resolution.penetration,
             least_force,
             at: Equilibrium {
                 pose,
@@ -119,7 +121,7 @@ impl Level {
         Self {
             machine: Arc::clone(&self.machine),
             residual: self.residual,
-            violation_mm: self.violation_mm,
+            penetration: self.penetration,
             least_force: self.least_force,
             at: self.at.clone(),
             newton: Newton::ended_by(self.newton.interrupt.clone()),
@@ -268,6 +270,7 @@ impl Level {
     /// only when this does not converge.
     fn settle(&mut self, problem: &Problem<'_>) -> Result<Outcome, Outcome> {
         let mut state = self.newton.begin(problem, &mut self.at.contacts, &self.at.u);
+        let allowed_mm = self.penetration * problem.pose.depth_mm().max(LEAST_DEPTH_MM);
         let mut spent = 0;
         let mut rounds = 0;
         loop {
@@ -287,15 +290,13 @@ impl Level {
             outcome.residual = state.relative;
             self.at.penetration_mm = updated.violation_mm;
             self.at.unsettled = updated.bound_change;
-            let settled = updated.events == 0
-                && updated.violation_mm < self.violation_mm
-                && state.relative <= self.residual;
+            let settled =
+                updated.events == 0 && updated.violation_mm < allowed_mm && state.relative <= self.residual;
             if settled {
                 return Ok(outcome);
             }
             if rounds == MOST_ROUNDS || spent > MOST_NEWTON {
-                let near =
-                    updated.violation_mm < 10.0 * self.violation_mm && outcome.residual <= ROUGH_RESIDUAL;
+                let near = updated.violation_mm < 10.0 * allowed_mm && outcome.residual <= ROUGH_RESIDUAL;
                 return if near { Ok(outcome) } else { Err(outcome) };
             }
         }

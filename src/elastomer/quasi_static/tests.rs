@@ -113,6 +113,25 @@ fn displacement(s: &QuasiStaticSolver, x: f64, y: f64) -> DVec3 {
     DVec3::from_array(out)
 }
 
+/// Root mean square difference from the finite elements within twice the contact radius, and the bulge, um.
+fn against_finite_elements(s: &QuasiStaticSolver) -> (f64, f64) {
+    let (mut sum, mut n, mut bulge_um) = (0.0, 0, 0.0f64);
+    for line in SPHERE_BY_FINITE_ELEMENTS.lines().skip(1) {
+        let row: Vec<f64> = line.split(',').map(|v| v.parse().expect("a number")).collect();
+        for direction in 0..8 {
+            let (sin, cos) = (0.1 + 0.785 * f64::from(direction)).sin_cos();
+            let u_z = 1e3 * displacement(s, row[2] * cos, row[2] * sin).z;
+            bulge_um = bulge_um.max(u_z);
+            // Twice the contact radius of 1.094 mm.
+            if row[2] < 2.19 {
+                sum += (u_z - row[5]).powi(2);
+                n += 1;
+            }
+        }
+    }
+    ((sum / f64::from(n)).sqrt(), bulge_um)
+}
+
 #[test]
 fn a_frictionless_sphere_agrees_with_finite_elements() {
     let mut s = solver(Friction::Coefficient(0.0), Arc::new(Sphere(4.0)), Law::FixedCorotated);
@@ -124,23 +143,24 @@ fn a_frictionless_sphere_agrees_with_finite_elements() {
     let marked = capture.contact.iter().filter(|c| **c).count() as f64 * 0.01;
     assert!((marked - capture.stats.contact_area_mm2).abs() < 0.05 * marked, "{marked} mm2");
     assert!((forces.normal_force_n - 0.0794).abs() < 0.01 * 0.0794, "{forces:?}");
-    let (mut sum, mut n, mut bulge) = (0.0, 0, 0.0f64);
-    for line in SPHERE_BY_FINITE_ELEMENTS.lines().skip(1) {
-        let row: Vec<f64> = line.split(',').map(|v| v.parse().expect("a number")).collect();
-        for direction in 0..8 {
-            let (sin, cos) = (0.1 + 0.785 * f64::from(direction)).sin_cos();
-            let u_z = 1e3 * displacement(&s, row[2] * cos, row[2] * sin).z;
-            bulge = bulge.max(u_z);
-            // Twice the contact radius of 1.094 mm.
-            if row[2] < 2.19 {
-                sum += (u_z - row[5]).powi(2);
-                n += 1;
-            }
-        }
-    }
-    let rmse_um = (sum / f64::from(n)).sqrt();
+    let (rmse_um, bulge_um) = against_finite_elements(&s);
     assert!(rmse_um < 2.5, "1 % of the depth is 2.5 um: {rmse_um}");
-    assert!((bulge - 2.41).abs() < 0.24, "{bulge}");
+    assert!((bulge_um - 2.41).abs() < 0.24, "{bulge_um}");
+}
+
+#[test]
+fn the_error_asked_for_is_met_against_finite_elements_and_the_one_stated_is_honest() {
+    for tolerance in [0.1, 0.05, 0.02, 0.01, 0.005] {
+        let settings = Settings { tolerance, ..settings(Friction::Coefficient(0.0)) };
+        let start = Pose::new(0.0, 0.0, 0.5, 0.0);
+        let pad = pad(Law::FixedCorotated);
+        let mut s = QuasiStaticSolver::new(&pad, &settings, Arc::new(Sphere(4.0)), &start).expect("in range");
+        s.advance(&Pose::new(0.0, 0.0, -0.25, 0.0)).expect("an easy press");
+        let stated = s.capture(2, 2).expect("a lattice").stats.estimated_error.expect("a press");
+        let found = against_finite_elements(&s).0 / 250.0;
+        assert!(found < tolerance, "asked for {tolerance}: {found}, stated {stated}");
+        assert!(stated > 0.6 * found, "found {found}, stated {stated}");
+    }
 }
 
 #[test]
