@@ -101,8 +101,10 @@ impl QuasiStaticSolver {
         material.poisson_ratio = settings.poisson_ratio.unwrap_or(material.poisson_ratio);
         let size = [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm];
         let mut levels: Vec<Step> = Vec::new();
-        for resolution in resolution.cascade(size) {
-            let level = Level::new(size, &material, settings.friction, &resolution, *start);
+        let cascade = resolution.cascade(size);
+        for (n, resolution) in cascade.iter().enumerate() {
+            let guesses = n + 1 < cascade.len();
+            let level = Level::new(size, &material, settings.friction, resolution, *start, guesses);
             let bridge = levels.last().map(|s| Arc::new(Bridge::new(s.level.grid(), level.grid())));
             levels.push(Step { level, bridge, lost: false });
         }

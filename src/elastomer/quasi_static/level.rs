@@ -33,6 +33,10 @@ const MOST_NEWTON: u32 = 100;
 const ROUGH_RESIDUAL: f64 = 0.05;
 /// A residual with which another round is worth its while.
 const HOPELESS_RESIDUAL: f64 = 0.3;
+/// Rounds and Newton iterations after which a level that only guesses lets well enough alone.
+const GUESS_ROUNDS: u32 = 5;
+/// See [`GUESS_ROUNDS`].
+const GUESS_NEWTON: u32 = 10;
 /// Least volume ratio of a guess.
 const GUESS_VOLUME: f32 = 0.1;
 /// Longest way of the indenter in one increment, mm: a stick press in one stride of 1 mm loses 1 to 8 % of
@@ -55,6 +59,8 @@ pub struct Level {
     penetration: f64,
     /// Forces below this count as this, N.
     least_force: f64,
+    /// Whether a finer level makes its answers good.
+    guesses: bool,
     /// The equilibrium reached.
     at: Equilibrium,
     /// The iteration and its counters.
@@ -78,13 +84,14 @@ pub struct Equilibrium {
 }
 
 impl Level {
-    /// A pad of `size` mm at rest, the indenter at `pose`.
+    /// A pad of `size` mm at rest, the indenter at `pose`; whether it only `guesses` for a finer one.
     pub fn new(
         size: [f64; 3],
         material: &Material,
         friction: Friction,
         resolution: &Resolution,
         pose: Pose,
+        guesses: bool,
     ) -> Self {
         let grid = Grid::new(size, resolution.cell_mm, resolution.first_height, resolution.growth);
         let (mu, lambda) = (material.mu_mpa(), material.lambda_mpa());
@@ -102,6 +109,7 @@ impl Level {
             residual: resolution.residual,
             penetration: resolution.penetration,
             least_force,
+            guesses,
             at: Equilibrium {
                 pose,
                 contacts,
@@ -123,6 +131,7 @@ impl Level {
             residual: self.residual,
             penetration: self.penetration,
             least_force: self.least_force,
+            guesses: self.guesses,
             at: self.at.clone(),
             newton: Newton::ended_by(self.newton.interrupt.clone()),
         }
@@ -293,6 +302,12 @@ impl Level {
             let settled =
                 updated.events == 0 && updated.violation_mm < allowed_mm && state.relative <= self.residual;
             if settled {
+                return Ok(outcome);
+            }
+            if self.guesses
+                && (rounds >= GUESS_ROUNDS || spent >= GUESS_NEWTON)
+                && outcome.residual <= HOPELESS_RESIDUAL
+            {
                 return Ok(outcome);
             }
             if rounds == MOST_ROUNDS || spent > MOST_NEWTON {
