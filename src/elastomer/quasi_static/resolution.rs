@@ -26,7 +26,7 @@ impl Resolution {
         Self {
             cell_mm,
             first_height: 0.8,
-            growth: 1.25,
+            growth: 1.4,
             samples: 2,
             residual: (0.1 * tolerance).clamp(1e-4, 1e-3),
             penetration: (0.2 * tolerance).min(5e-3),
