@@ -147,11 +147,6 @@ impl Level {
         &self.at.pose
     }
 
-    /// Whether nothing touches.
-    pub fn at_rest(&self) -> bool {
-        self.at.at_rest
-    }
-
     /// Displacement of the control points, mm.
     pub fn displacement(&self) -> &[f32] {
         &self.at.u
