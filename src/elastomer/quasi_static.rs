@@ -139,11 +139,15 @@ impl Elastomer for QuasiStaticSolver {
 
     fn capture(&mut self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
         let indenter = Arc::clone(&self.indenter);
-        let capture = self.finest().capture(indenter.as_ref(), nx, ny)?;
+        let mut capture = self.finest().capture(indenter.as_ref(), nx, ny)?;
+        // The coarser grids have worked for this answer, too.
+        let (mut iterations, mut passes) = (0, 0);
         for step in &mut self.levels {
-            step.level.newton.iterations = 0;
-            step.level.newton.passes = 0;
+            iterations += std::mem::take(&mut step.level.newton.iterations);
+            passes += std::mem::take(&mut step.level.newton.passes);
         }
+        capture.stats.passes_per_step = passes as f64 / (iterations as f64).max(1.0);
+        (capture.stats.iterations, capture.stats.passes) = (iterations, passes);
         Ok(capture)
     }
 
