@@ -127,6 +127,20 @@ pub enum Error {
         /// What to change.
         advice: String,
     },
+    /// An equilibrium that says nothing: too much of the body falls between the cells.
+    #[error(
+        "cells of {cell_mm:.3} mm do not resolve the contact at pose ({pose}), and finer ones found no equilibrium or were too many: stated error {:.0} % of the depth, at most {:.0} % can be used; lower elastomer.tolerance, round the indenter's edges, or choose another depth", 100.0 * stated, 100.0 * allowed
+    )]
+    Unresolved {
+        /// Where the indenter was.
+        pose: Pose,
+        /// Stated error, relative to depth.
+        stated: f64,
+        /// Largest that is accepted.
+        allowed: f64,
+        /// Cell size, mm.
+        cell_mm: f64,
+    },
     /// The contact leaves the region in which the pad is simulated.
     #[error(
         "the contact comes within {distance_mm:.3} mm of the pad's edge at pose ({pose}); keep it at least {allowed_mm} mm inside, or choose a smaller indenter or a larger pad"

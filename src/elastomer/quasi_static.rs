@@ -8,7 +8,7 @@
 //! looping, is here the friction law itself.
 //!
 //! A path is followed in increments ([`level`]), first on coarse grids, whose answers are the guesses of finer ones
-//! ([`bridge`]); what an increment leaves behind is the displacement and, with friction, the anchors of the points that
+//! ([`cascade`], [`bridge`]); what an increment leaves behind is the displacement and, with friction, the anchors of the points that
 //! touch. Nothing is computed before the first touch. An increment that does not converge is halved, and given up with
 //! a typed error in the end.
 
@@ -19,6 +19,7 @@
 )]
 
 pub mod bridge;
+pub mod cascade;
 pub mod cholesky;
 pub mod contact;
 pub mod grid;
@@ -34,37 +35,57 @@ pub mod springs;
 pub mod stress;
 
 use super::interrupt::Interrupt;
-use super::{Elastomer, ElastomerCapture, Error, Friction, Pad, PadShape, Settings, pose_can_be_reached};
+use super::{
+    Elastomer, ElastomerCapture, Error, Friction, Material, Pad, PadShape, Settings, pose_can_be_reached,
+};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
-use bridge::Bridge;
-use level::{Equilibrium, Level};
-use newton::Outcome;
+use cascade::{FINEST, Patience, REFINED, Step, follow, rest_at};
+use level::Level;
 pub use resolution::Resolution;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// A pad that follows an indenter through equilibria, on a cascade of grids.
+/// A pad that follows an indenter through equilibria.
 ///
-/// Every increment is solved on the coarsest grid first; what its solution changed is the guess of the next finer
-/// one, which so begins within a few hundredths of its answer. Each grid keeps its own anchors and slips. The finest
-/// alone gives the answer: a coarser one that finds no equilibrium is left behind until the pad is at rest again.
+/// What the tolerance asks for in general ([`Resolution::for_tolerance`]) is tried first. Where an answer states a
+/// larger error than was asked for, or none is found, the way since the pad was last at rest is followed again with
+/// finer cells, as often as that promises to help; once at rest, the pad is as coarse as it began. The answer of a
+/// waypoint so depends on the way to it alone.
 #[derive(Debug)]
 pub struct QuasiStaticSolver {
     /// Coarsest first.
     levels: Vec<Step>,
+    /// The levels without those that were added since the pad was last at rest, if any were.
+    unrefined: Option<Vec<Step>>,
+    /// That of the finest level.
+    resolution: Resolution,
+    /// Stated error that needs no finer cells, relative to depth; absent where the resolution was given.
+    wanted: Option<f64>,
+    /// Whether finer cells have failed since the pad was last at rest: another try would begin with the same way.
+    refined_in_vain: bool,
+    /// Where the pad was last at rest, and the waypoints since then.
+    path: Vec<Pose>,
+    pad: Body,
     indenter: Arc<dyn Indenter>,
+    interrupt: Interrupt,
+    /// Newton iterations and tangent applications of levels that are no more.
+    spent: [u64; 2],
 }
 
-/// One grid of the cascade.
-#[derive(Debug)]
-struct Step {
-    level: Level,
-    /// From the next coarser grid to this one.
-    bridge: Option<Arc<Bridge>>,
-    /// Whether it lost the way.
-    lost: bool,
+/// What every level is made of.
+#[derive(Debug, Clone)]
+struct Body {
+    size_mm: [f64; 3],
+    material: Material,
+    friction: Friction,
 }
+
+/// Stated error over the one asked for that is as good: what is stated is about twice the truth (found by experiment,
+/// see the README's table).
+const GOOD_ENOUGH: f64 = 1.5;
+/// A stated error with which an answer is none.
+const UNRESOLVED: f64 = 0.2;
 
 impl QuasiStaticSolver {
     /// A solver for `pad` as overridden by `settings`, with the indenter at `start`.
@@ -80,10 +101,10 @@ impl QuasiStaticSolver {
     ) -> Result<Self, Error> {
         check(pad, settings)?;
         let resolution = Resolution::for_tolerance(settings.tolerance);
-        Self::with_resolution(pad, settings, resolution, indenter, start)
+        Self::build(pad, settings, resolution, Some(GOOD_ENOUGH * settings.tolerance), indenter, start)
     }
 
-    /// As [`Self::new`], with the resolution given instead of derived from the tolerance.
+    /// As [`Self::new`], with the resolution given instead of derived from the tolerance, and kept whatever comes.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -94,24 +115,46 @@ impl QuasiStaticSolver {
         indenter: Arc<dyn Indenter>,
         start: &Pose,
     ) -> Result<Self, Error> {
+        Self::build(pad, settings, resolution, None, indenter, start)
+    }
+
+    fn build(
+        pad: &Pad,
+        settings: &Settings,
+        resolution: Resolution,
+        wanted: Option<f64>,
+        indenter: Arc<dyn Indenter>,
+        start: &Pose,
+    ) -> Result<Self, Error> {
         pose_can_be_reached(start, pad.thickness_mm)?;
         let mut material = pad.material;
         material.law = settings.law.unwrap_or(material.law);
         material.youngs_modulus_mpa = settings.youngs_modulus_mpa.unwrap_or(material.youngs_modulus_mpa);
         material.poisson_ratio = settings.poisson_ratio.unwrap_or(material.poisson_ratio);
-        let size = [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm];
+        let size_mm = [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm];
+        let pad = Body { size_mm, material, friction: settings.friction };
         let mut levels: Vec<Step> = Vec::new();
-        let cascade = resolution.cascade(size);
+        let cascade = resolution.cascade(size_mm);
         for (n, resolution) in cascade.iter().enumerate() {
-            let guesses = n + 1 < cascade.len();
-            let level = Level::new(size, &material, settings.friction, resolution, *start, guesses);
-            let bridge = levels.last().map(|s| Arc::new(Bridge::new(s.level.grid(), level.grid())));
-            levels.push(Step { level, bridge, lost: false });
+            let level = pad.level(resolution, *start, n + 1 < cascade.len());
+            levels.push(Step::after(&levels, level));
         }
-        let mut solver = Self { levels, indenter };
+        let mut solver = Self {
+            levels,
+            unrefined: None,
+            refined_in_vain: false,
+            resolution,
+            wanted,
+            path: vec![*start],
+            pad,
+            indenter,
+            interrupt: Interrupt::default(),
+            spent: [0; 2],
+        };
         if !solver.finest().is_clear(solver.indenter.as_ref(), start) {
             // Begin above the pad and come down, as an indenter would.
             let above = Pose { z_mm: start.z_mm.max(0.0) + 1e-3, ..*start };
+            solver.path = vec![above];
             rest_at(&mut solver.levels, &above);
             solver.advance(start)?;
         }
@@ -122,11 +165,9 @@ impl QuasiStaticSolver {
     fn finest(&self) -> &Level {
         &self.levels[self.levels.len() - 1].level
     }
-}
 
-impl Elastomer for QuasiStaticSolver {
-    fn advance(&mut self, pose: &Pose) -> Result<(), Error> {
-        pose_can_be_reached(pose, self.finest().grid().size[2])?;
+    /// Follows a straight way with the levels there are.
+    fn go(&mut self, pose: &Pose, patience: &Patience) -> Result<(), Error> {
         let indenter = Arc::clone(&self.indenter);
         // Nothing happens before the first touch, so nothing is computed.
         let part = self.finest().idle_part(indenter.as_ref(), pose);
@@ -134,142 +175,149 @@ impl Elastomer for QuasiStaticSolver {
             let touch = self.finest().pose().lerp(pose, part);
             rest_at(&mut self.levels, &touch);
         }
-        follow(&mut self.levels, indenter.as_ref(), pose, &FINEST)
+        follow(&mut self.levels, indenter.as_ref(), pose, patience)
+    }
+
+    /// Error that the present answer states, relative to depth.
+    fn stated_error(&self) -> f64 {
+        self.finest().estimated_error(self.indenter.as_ref()).unwrap_or(0.0)
+    }
+
+    /// Stated error that is worth going the way since rest again: beyond the first waypoint that is longer, and
+    /// friction lets the statement waver.
+    fn worthwhile(&self) -> Option<f64> {
+        self.wanted.map(|wanted| if self.path.len() > 1 { 2.0 * wanted } else { wanted })
+    }
+
+    /// Follows the way since rest and on to `pose` with one level more. When that fails, all is as it was.
+    fn again_finer(&mut self, finer: Resolution, pose: &Pose) -> Result<(), Error> {
+        let rest = self.path[0];
+        let mut levels: Vec<Step> = self.levels.iter().map(Step::fork).collect();
+        rest_at(&mut levels, &rest);
+        let unrefined = levels.iter().map(Step::fork).collect();
+        if let Some(last) = levels.last_mut() {
+            last.level.only_guess();
+        }
+        let mut level = self.pad.level(&finer, rest, false);
+        level.newton.interrupt = self.interrupt.clone();
+        levels.push(Step::after(&levels, level));
+        let before = std::mem::replace(&mut self.levels, levels);
+        let path = self.path.clone();
+        let replayed = path[1..].iter().chain([pose]).try_for_each(|p| self.go(p, &REFINED));
+        if let Err(error) = replayed {
+            let lost = std::mem::replace(&mut self.levels, before);
+            self.count(lost);
+            return Err(error);
+        }
+        self.count(before);
+        self.unrefined.get_or_insert(unrefined);
+        self.resolution = finer;
+        Ok(())
+    }
+
+    /// Keeps the counters of levels that are left.
+    fn count(&mut self, mut levels: Vec<Step>) {
+        for (sum, n) in self.spent.iter_mut().zip(take_counters(&mut levels)) {
+            *sum += n;
+        }
+    }
+
+    /// Remembers a waypoint for those that may have to go the way again.
+    fn arrive(&mut self, pose: &Pose) {
+        if !self.finest().at_rest() {
+            self.path.push(*pose);
+            return;
+        }
+        self.path = vec![*pose];
+        self.refined_in_vain = false;
+        if let Some(mut levels) = self.unrefined.take() {
+            rest_at(&mut levels, pose);
+            let refined = std::mem::replace(&mut self.levels, levels);
+            self.count(refined);
+            self.resolution = Resolution { cell_mm: self.finest().grid().hx, ..self.resolution };
+        }
+    }
+}
+
+impl Body {
+    fn level(&self, resolution: &Resolution, at: Pose, guesses: bool) -> Level {
+        Level::new(self.size_mm, &self.material, self.friction, resolution, at, guesses)
+    }
+}
+
+impl Elastomer for QuasiStaticSolver {
+    fn advance(&mut self, pose: &Pose) -> Result<(), Error> {
+        pose_can_be_reached(pose, self.pad.size_mm[2])?;
+        let usual = if self.unrefined.is_some() { &REFINED } else { &FINEST };
+        let mut ended = self.go(pose, usual);
+        while let (Some(wanted), false) = (self.worthwhile(), self.refined_in_vain) {
+            let stated = match &ended {
+                Ok(()) => self.stated_error(),
+                Err(Error::NotConverged { .. }) => f64::INFINITY,
+                Err(_) => break,
+            };
+            let Some(finer) = self.resolution.refined(self.pad.size_mm, stated, wanted) else { break };
+            match self.again_finer(finer, pose) {
+                Ok(()) => ended = Ok(()),
+                Err(stopped @ Error::Interrupted) => return Err(stopped),
+                // The coarser answer, if there is one, states its error.
+                Err(_) => self.refined_in_vain = true,
+            }
+        }
+        ended?;
+        let stated = self.stated_error();
+        if self.wanted.is_some() && stated > UNRESOLVED {
+            let cell_mm = self.finest().grid().hx;
+            return Err(Error::Unresolved { pose: *pose, stated, allowed: UNRESOLVED, cell_mm });
+        }
+        self.arrive(pose);
+        Ok(())
     }
 
     fn capture(&mut self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
-        let indenter = Arc::clone(&self.indenter);
-        let mut capture = self.finest().capture(indenter.as_ref(), nx, ny)?;
+        let mut capture = self.finest().capture(self.indenter.as_ref(), nx, ny)?;
         // The coarser grids have worked for this answer, too.
-        let (mut iterations, mut passes) = (0, 0);
-        for step in &mut self.levels {
-            iterations += std::mem::take(&mut step.level.newton.iterations);
-            passes += std::mem::take(&mut step.level.newton.passes);
+        let mut sums = std::mem::take(&mut self.spent);
+        for (sum, n) in sums.iter_mut().zip(take_counters(&mut self.levels)) {
+            *sum += n;
         }
+        let [iterations, passes] = sums;
         capture.stats.passes_per_step = passes as f64 / (iterations as f64).max(1.0);
         (capture.stats.iterations, capture.stats.passes) = (iterations, passes);
         Ok(capture)
     }
 
     fn interrupt_by(&mut self, flag: Arc<AtomicBool>) {
-        for step in &mut self.levels {
-            step.level.newton.interrupt = Interrupt::by(Arc::clone(&flag));
+        self.interrupt = Interrupt::by(flag);
+        for step in self.levels.iter_mut().chain(self.unrefined.iter_mut().flatten()) {
+            step.level.newton.interrupt = self.interrupt.clone();
         }
     }
 
     fn fork(&self) -> Box<dyn Elastomer> {
-        let fork = |s: &Step| Step { level: s.level.fork(), bridge: s.bridge.clone(), lost: s.lost };
         Box::new(Self {
-            levels: self.levels.iter().map(fork).collect(),
+            levels: self.levels.iter().map(Step::fork).collect(),
+            unrefined: self.unrefined.as_ref().map(|levels| levels.iter().map(Step::fork).collect()),
+            refined_in_vain: self.refined_in_vain,
+            resolution: self.resolution,
+            wanted: self.wanted,
+            path: self.path.clone(),
+            pad: self.pad.clone(),
             indenter: Arc::clone(&self.indenter),
+            interrupt: self.interrupt.clone(),
+            spent: [0; 2],
         })
     }
 }
 
-/// What a way may cost before it is given up.
-struct Patience {
-    /// How often an increment may be halved.
-    halvings: i32,
-    /// Tangent applications for each increment of the way.
-    passes: f64,
-}
-
-/// Patience with the answer.
-const FINEST: Patience = Patience { halvings: 6, passes: 4000.0 };
-/// Patience with a guess.
-const COARSER: Patience = Patience { halvings: 2, passes: 600.0 };
-
-/// Follows a straight way with the last of `levels`, the others going ahead.
-fn follow(
-    levels: &mut [Step],
-    indenter: &dyn Indenter,
-    pose: &Pose,
-    patience: &Patience,
-) -> Result<(), Error> {
-    let finest = levels.len() - 1;
-    let start = *levels[finest].level.pose();
-    let parts = levels[finest].level.increments(&start, pose);
-    let (mut done, mut stride, mut restarts) = (0.0, 1.0 / parts, 0);
-    let begun = levels[finest].level.newton.passes;
-    while done < 1.0 {
-        levels[finest].level.newton.interrupt.check()?;
-        let next = f64::min(1.0, done + stride);
-        let next = if next > 1.0 - 1e-9 { 1.0 } else { next };
-        match increment(levels, indenter, &start.lerp(pose, next))? {
-            Ok(()) => {
-                levels[finest].level.check_margin(indenter)?;
-                done = next;
-                stride = f64::min(stride * 1.5, 1.0 / parts);
-            }
-            Err(outcome) => {
-                restarts += 1;
-                stride *= 0.5;
-                let passes = (levels[finest].level.newton.passes - begun) as f64;
-                if stride * parts < 0.5f64.powi(patience.halvings) || passes > patience.passes * parts {
-                    return Err(Error::NotConverged {
-                        pose: start.lerp(pose, next),
-                        residual: outcome.residual,
-                        iterations: outcome.iterations,
-                        restarts,
-                        advice: format!(
-                            "{:.3} of {:.3} mm of this way were done; lower the depth or the slide, round the \
-                             indenter's edges, set elastomer.friction to a number below 1, or choose another \
-                             elastomer.tolerance (another grid)",
-                            done * start.distance_mm(pose),
-                            start.distance_mm(pose)
-                        ),
-                    });
-                }
-            }
-        }
+/// Newton iterations and tangent applications since the last call.
+fn take_counters(levels: &mut [Step]) -> [u64; 2] {
+    let mut sums = [0; 2];
+    for Step { level, .. } in levels {
+        sums[0] += std::mem::take(&mut level.newton.iterations);
+        sums[1] += std::mem::take(&mut level.newton.passes);
     }
-    Ok(())
-}
-
-/// One increment of the last of `levels`, with what the coarser ones say of it. When it fails, all are where they
-/// were.
-fn increment(
-    levels: &mut [Step],
-    indenter: &dyn Indenter,
-    pose: &Pose,
-) -> Result<Result<(), Outcome>, Error> {
-    let Some((fine, coarser)) = levels.split_last_mut() else { return Ok(Ok(())) };
-    if fine.level.is_clear(indenter, pose) {
-        fine.level.rest_at(pose);
-        rest_at(coarser, pose);
-        return Ok(Ok(()));
-    }
-    let before: Vec<(Equilibrium, bool)> = coarser.iter().map(|s| (s.level.equilibrium(), s.lost)).collect();
-    let hint = match (&fine.bridge, before.last()) {
-        (Some(bridge), Some((old, false))) => match follow(coarser, indenter, pose, &COARSER) {
-            Ok(()) => {
-                let change = coarser[coarser.len() - 1].level.change_since(old);
-                Some(bridge.carry(&change))
-            }
-            Err(stopped @ Error::Interrupted) => return Err(stopped),
-            Err(_) => None,
-        },
-        _ => None,
-    };
-    let lost = hint.is_none();
-    let result = fine.level.increment(indenter, pose, hint.as_deref());
-    if result.is_err() {
-        for (step, (at, lost)) in coarser.iter_mut().zip(before) {
-            step.level.return_to(at);
-            step.lost = lost;
-        }
-    } else if let Some(coarse) = coarser.last_mut() {
-        coarse.lost = lost;
-    }
-    Ok(result)
-}
-
-/// Moves the indenter where nothing touches.
-fn rest_at(levels: &mut [Step], pose: &Pose) {
-    for step in levels {
-        step.level.rest_at(pose);
-        step.lost = false;
-    }
+    sums
 }
 
 pub(super) fn check(pad: &Pad, settings: &Settings) -> Result<(), Error> {

@@ -96,7 +96,7 @@ pub struct Judgement {
     pub verdict: Verdict,
     /// The error, or the check that failed.
     pub what: String,
-    /// Kind of the error: `setting`, `not_converged`, `off_pad`, `diverged`; empty without one.
+    /// Kind of the error: `setting`, `not_converged`, `unresolved`, `off_pad`, `diverged`; empty without one.
     pub error: String,
     /// Every check at its worst.
     pub checks: Vec<Check>,
@@ -179,6 +179,7 @@ fn kind(error: &Error) -> &'static str {
     match error {
         Error::Diverged { .. } => "diverged",
         Error::NotConverged { .. } => "not_converged",
+        Error::Unresolved { .. } => "unresolved",
         Error::OffPad { .. } => "off_pad",
         Error::Setting { .. } => "setting",
         Error::Interrupted => "interrupted",
@@ -188,8 +189,8 @@ fn kind(error: &Error) -> &'static str {
 
 /// Whether a message says what to do: a range, or a verb.
 fn advises(message: &str) -> bool {
-    const VERBS: [&str; 13] = [
-        "choose", "set ", "lower", "raise", "use ", "keep", "leave", "must", "at least", "at most", "place",
+    const VERBS: [&str; 14] = [
+        "choose", "correct", "set ", "lower", "raise", "use ", "keep", "leave", "must", "at least", "at most", "place",
         "ask", "from 0",
     ];
     VERBS.iter().any(|verb| message.contains(verb))

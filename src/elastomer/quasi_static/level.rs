@@ -7,7 +7,7 @@ use super::layer::RestLayer;
 use super::newton::{Machine, Newton, Outcome, Problem};
 use super::operator::Operator;
 use super::probe;
-use super::resolution::Resolution;
+use super::resolution::{GUESS_RESIDUAL, Resolution};
 use super::springs::FaceGreen;
 use crate::indenter::Indenter;
 use crate::pose::Pose;
@@ -30,7 +30,7 @@ const LEAST_DEPTH_MM: f64 = 0.02;
 /// Newton iterations in an increment before it is halved.
 const MOST_NEWTON: u32 = 100;
 /// A residual (relative to the contact forces) with which an increment may end when its rounds are used up.
-const ROUGH_RESIDUAL: f64 = 0.05;
+const ROUGH_RESIDUAL: f64 = 0.005;
 /// A residual with which another round is worth its while.
 const HOPELESS_RESIDUAL: f64 = 0.3;
 /// Rounds and Newton iterations after which a level that only guesses lets well enough alone.
@@ -135,6 +135,23 @@ impl Level {
             at: self.at.clone(),
             newton: Newton::ended_by(self.newton.interrupt.clone()),
         }
+    }
+
+    /// From now on a finer level makes its answers good.
+    pub fn only_guess(&mut self) {
+        self.guesses = true;
+        self.residual = self.residual.max(GUESS_RESIDUAL);
+        self.penetration = self.penetration.max(GUESS_RESIDUAL);
+    }
+
+    /// Whether nothing touches.
+    pub fn at_rest(&self) -> bool {
+        self.at.at_rest
+    }
+
+    /// How the last increment ended, unless nothing touches.
+    pub fn outcome(&self) -> Option<Outcome> {
+        self.at.outcome
     }
 
     /// Its grid.
@@ -306,6 +323,10 @@ impl Level {
                 return Ok(outcome);
             }
             if rounds == MOST_ROUNDS || spent > MOST_NEWTON {
+                // What is still at odds stays as it is, and is told; the forces are brought into balance.
+                let mut outcome =
+                    self.newton.solve(problem, &mut self.at.contacts, &mut self.at.u, &mut state, self.residual);
+                outcome.iterations += spent;
                 let near = updated.violation_mm < 10.0 * allowed_mm && outcome.residual <= ROUGH_RESIDUAL;
                 return if near { Ok(outcome) } else { Err(outcome) };
             }

@@ -2,6 +2,13 @@
 
 use super::grid::Grid;
 
+/// Residual, and penetration relative to depth, of levels that only guess.
+pub const GUESS_RESIDUAL: f64 = 1e-2;
+/// Cells of the face that an answer may cost: 96 along each side, of 0.21 mm on a pad of 20 mm.
+const MOST_CELLS: usize = 96 * 96;
+/// Power of the cell size with which the stated error falls (found by experiment: flat bodies with rounded edges).
+const ORDER: f64 = 1.5;
+
 /// Resolution and stopping that meet an error relative to depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Resolution {
@@ -33,6 +40,20 @@ impl Resolution {
         }
     }
 
+    /// Cells with which the error may be expected to fall from `stated` to `wanted` on a pad of `size` mm, though at
+    /// most twice as fine; nothing where this is fine enough, or would take too many.
+    pub fn refined(&self, size: [f64; 3], stated: f64, wanted: f64) -> Option<Self> {
+        if stated <= wanted {
+            return None;
+        }
+        let now = Grid::blocks(size[0], self.cell_mm);
+        let times = (stated / wanted).powf(1.0 / ORDER).min(2.0);
+        let blocks = ((now as f64 * times).ceil() as usize).max(now + 1);
+        let cell_mm = size[0] / (16 * blocks) as f64;
+        let cells = 16.0 * blocks as f64 * (size[1] / cell_mm);
+        (cells <= MOST_CELLS as f64).then_some(Self { cell_mm, ..*self })
+    }
+
     /// This resolution last, before it the coarser ones that go ahead on a pad of `size` mm.
     pub fn cascade(&self, size: [f64; 3]) -> Vec<Self> {
         let mut all = vec![*self];
@@ -40,7 +61,10 @@ impl Resolution {
         while blocks > 1 {
             blocks = blocks.div_ceil(2);
             let cell_mm = size[0] / (16 * blocks) as f64;
-            all.insert(0, Self { cell_mm, residual: 1e-2, penetration: 1e-2, ..*self });
+            all.insert(
+                0,
+                Self { cell_mm, residual: GUESS_RESIDUAL, penetration: GUESS_RESIDUAL, ..*self },
+            );
         }
         all
     }

@@ -1,0 +1,153 @@
+//! A way followed on a cascade of grids.
+//!
+//! Every increment is solved on the coarsest grid first; what its solution changed is the guess of the next finer
+//! one, which so begins within a few hundredths of its answer. Each grid keeps its own anchors and slips. The finest
+//! alone gives the answer: a coarser one that finds no equilibrium is left behind until the pad is at rest again.
+
+use super::super::Error;
+use super::bridge::Bridge;
+use super::level::{Equilibrium, Level};
+use super::newton::Outcome;
+use crate::indenter::Indenter;
+use crate::pose::Pose;
+use std::sync::Arc;
+
+/// One grid of the cascade.
+#[derive(Debug)]
+pub struct Step {
+    /// The pad on this grid.
+    pub level: Level,
+    /// From the next coarser grid to this one.
+    bridge: Option<Arc<Bridge>>,
+    /// Whether it lost the way.
+    lost: bool,
+}
+
+impl Step {
+    /// The next grid after the `coarser` ones.
+    pub fn after(coarser: &[Step], level: Level) -> Self {
+        let bridge = coarser.last().map(|s| Arc::new(Bridge::new(s.level.grid(), level.grid())));
+        Self { level, bridge, lost: false }
+    }
+
+    /// The same grid in the same state.
+    pub fn fork(&self) -> Self {
+        Self { level: self.level.fork(), bridge: self.bridge.clone(), lost: self.lost }
+    }
+}
+
+/// What a way may cost before it is given up.
+pub struct Patience {
+    /// How often an increment may be halved.
+    halvings: i32,
+    /// Tangent applications for each increment that the way was to take.
+    passes: f64,
+}
+
+/// Patience with the answer.
+pub const FINEST: Patience = Patience { halvings: 6, passes: 4000.0 };
+/// Patience with an answer on finer cells than were thought necessary.
+pub const REFINED: Patience = Patience { halvings: 3, passes: 1000.0 };
+/// Patience with a guess.
+const COARSER: Patience = Patience { halvings: 2, passes: 600.0 };
+
+/// Follows a straight way with the last of `levels`, the others going ahead.
+///
+/// # Errors
+/// [`Error::NotConverged`] when patience is used up, [`Error::OffPad`], [`Error::Interrupted`].
+pub fn follow(
+    levels: &mut [Step],
+    indenter: &dyn Indenter,
+    pose: &Pose,
+    patience: &Patience,
+) -> Result<(), Error> {
+    let finest = levels.len() - 1;
+    let start = *levels[finest].level.pose();
+    let parts = levels[finest].level.increments(&start, pose);
+    let (mut done, mut stride, mut restarts) = (0.0, 1.0 / parts, 0);
+    let begun = levels[finest].level.newton.passes;
+    let mut last;
+    while done < 1.0 {
+        levels[finest].level.newton.interrupt.check()?;
+        let next = f64::min(1.0, done + stride);
+        let next = if next > 1.0 - 1e-9 { 1.0 } else { next };
+        let mut hopeless = false;
+        match increment(levels, indenter, &start.lerp(pose, next))? {
+            Ok(()) => {
+                levels[finest].level.check_margin(indenter)?;
+                last = levels[finest].level.outcome();
+                done = next;
+                stride = f64::min(stride * 1.5, 1.0 / parts);
+            }
+            Err(outcome) => {
+                last = Some(outcome);
+                restarts += 1;
+                stride *= 0.5;
+                hopeless = stride * parts < 0.5f64.powi(patience.halvings);
+            }
+        }
+        let passes = (levels[finest].level.newton.passes - begun) as f64;
+        if done < 1.0 && (hopeless || passes > patience.passes * parts) {
+            return Err(Error::NotConverged {
+                pose: start.lerp(pose, next),
+                residual: last.map_or(0.0, |o| o.residual),
+                iterations: last.map_or(0, |o| o.iterations),
+                restarts,
+                advice: format!(
+                    "{:.3} of {:.3} mm of this way were done; lower the depth or the slide, round the indenter's \
+                     edges, set elastomer.friction to a number below 1, or choose another elastomer.tolerance \
+                     (another grid)",
+                    done * start.distance_mm(pose),
+                    start.distance_mm(pose)
+                ),
+            });
+        }
+    }
+    Ok(())
+}
+
+/// One increment of the last of `levels`, with what the coarser ones say of it. When it fails, all are where they
+/// were.
+fn increment(
+    levels: &mut [Step],
+    indenter: &dyn Indenter,
+    pose: &Pose,
+) -> Result<Result<(), Outcome>, Error> {
+    let Some((fine, coarser)) = levels.split_last_mut() else { return Ok(Ok(())) };
+    if fine.level.is_clear(indenter, pose) {
+        fine.level.rest_at(pose);
+        rest_at(coarser, pose);
+        return Ok(Ok(()));
+    }
+    let before: Vec<(Equilibrium, bool)> = coarser.iter().map(|s| (s.level.equilibrium(), s.lost)).collect();
+    let hint = match (&fine.bridge, before.last()) {
+        (Some(bridge), Some((old, false))) => match follow(coarser, indenter, pose, &COARSER) {
+            Ok(()) => {
+                let change = coarser[coarser.len() - 1].level.change_since(old);
+                Some(bridge.carry(&change))
+            }
+            Err(stopped @ Error::Interrupted) => return Err(stopped),
+            Err(_) => None,
+        },
+        _ => None,
+    };
+    let lost = hint.is_none();
+    let result = fine.level.increment(indenter, pose, hint.as_deref());
+    if result.is_err() {
+        for (step, (at, lost)) in coarser.iter_mut().zip(before) {
+            step.level.return_to(at);
+            step.lost = lost;
+        }
+    } else if let Some(coarse) = coarser.last_mut() {
+        coarse.lost = lost;
+    }
+    Ok(result)
+}
+
+/// Moves the indenter where nothing touches.
+pub fn rest_at(levels: &mut [Step], pose: &Pose) {
+    for step in levels {
+        step.level.rest_at(pose);
+        step.lost = false;
+    }
+}
