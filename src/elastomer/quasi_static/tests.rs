@@ -1,5 +1,7 @@
 //! Physics of the quasi-static solver against other people's numbers.
 
+mod friction;
+
 use super::grid::Grid;
 use super::layer::RestLayer;
 use super::operator::Operator;

@@ -262,8 +262,9 @@ fn path(walk: &mut Walk<'_>) -> Result<(), Error> {
         let [mean, most] = asymmetry_mm(&deep);
         walk.checks.hold("asymmetry RMS, mm", mean, 0.5 * walk.claim * depth + 5e-4);
         walk.checks.hold("asymmetry, mm", most, 6.0 * walk.claim * depth + 5e-3);
+        let bound = 0.005 + 0.1 * walk.claim;
         let shear = deep.forces.shear_force_n[0].hypot(deep.forces.shear_force_n[1]);
-        walk.checks.hold("shear of a symmetric press, N", shear, 0.005 * deep.forces.normal_force_n + least);
+        walk.checks.hold("shear of a symmetric press, N", shear, bound * deep.forces.normal_force_n + least);
     }
     if case.slide_mm > 0.0 {
         slide(walk, case.slide_mm, case.direction_deg)?;
@@ -367,7 +368,9 @@ fn layer(walk: &mut Walk<'_>) -> Result<(), Error> {
     let [radius_mm, _] = walk.body.half_extent_mm();
     let exact = bonded_layer_n(walk.case, radius_mm);
     let off = (now.forces.normal_force_n - exact).abs() / exact;
-    walk.checks.hold("force against the exact layer", off, 0.02 + 2.0 * walk.claim);
+    // The formula is of small strains and of a paraboloid: a sphere of 2 mm is 4.7 % softer at 0.23 mm with any cells.
+    let strain = 0.4 * walk.case.depth_mm / radius_mm;
+    walk.checks.hold("force against the exact layer", off, 0.02 + strain + 2.0 * walk.claim);
     walk.release()
 }
 

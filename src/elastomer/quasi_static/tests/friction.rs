@@ -1,0 +1,77 @@
+//! Friction against the theory of small contacts on a half-space: a sphere of radius 4 mm, 0.05 mm deep in a pad eight
+//! millimetres thick and nearly incompressible, so that pressure and traction hardly disturb each other.
+
+use super::*;
+
+const RADIUS_MM: f64 = 4.0;
+const DEPTH_MM: f64 = 0.05;
+const NU: f64 = 0.49;
+const MU: f64 = 0.3;
+
+fn pressed(friction: Friction) -> QuasiStaticSolver {
+    let mut pad = Pad { size_x_mm: 12.0, size_y_mm: 12.0, thickness_mm: 8.0, ..pad(Law::NeoHookean) };
+    pad.material.poisson_ratio = NU;
+    let resolution = Resolution {
+        cell_mm: 0.15,
+        residual: 2e-4,
+        penetration: 1e-3,
+        ..Resolution::for_tolerance(0.01)
+    };
+    let start = Pose::new(0.0, 0.0, 0.1, 0.0);
+    let sphere = Arc::new(Sphere(RADIUS_MM));
+    let mut s = QuasiStaticSolver::with_resolution(&pad, &settings(friction), resolution, sphere, &start)
+        .expect("settings are in range");
+    s.advance(&Pose::new(0.0, 0.0, -DEPTH_MM, 0.0)).expect("an easy press");
+    s
+}
+
+fn forces_at(s: &mut QuasiStaticSolver, x_mm: f64, theta_deg: f64) -> ContactForces {
+    s.advance(&Pose::new(x_mm, 0.0, -DEPTH_MM, theta_deg)).expect("a small move");
+    s.capture(2, 2).expect("a lattice").forces
+}
+
+/// Force and radius of the contact, the latter as Hertz has it for the force.
+fn contact(s: &mut QuasiStaticSolver) -> (f64, f64) {
+    let p = forces_at(s, 0.0, 0.0).normal_force_n;
+    (p, (0.75 * p * RADIUS_MM * (1.0 - NU * NU) / 0.145).cbrt())
+}
+
+#[test]
+fn partial_slip_follows_cattaneo_and_mindlin() {
+    let mut s = pressed(Friction::Coefficient(MU));
+    let (p, a) = contact(&mut s);
+    let g = 0.145 / 2.0 / (1.0 + NU);
+    let half_space = 8.0 * g * a / (2.0 - NU);
+    let held_mm = 0.002;
+    let layer = -forces_at(&mut pressed(Friction::Infinite), held_mm, 0.0).shear_force_n[0] / held_mm;
+    assert!((layer / half_space - 1.0).abs() < 0.1, "{layer} N/mm against {half_space} N/mm");
+    // Way of partial slip on the half-space; the layer differs by what is far away, which is linear.
+    let sliding_mm = 1.5 * MU * p / half_space;
+    let far = 1.0 / half_space - 1.0 / layer;
+    let way_mm =
+        |part: f64| sliding_mm * (1.0 - (1.0 - part).powf(2.0 / 3.0)) - far * part * MU * p;
+    for n in 2..=6 {
+        let x_mm = 0.2 * f64::from(n) * sliding_mm;
+        let f = forces_at(&mut s, x_mm, 0.0);
+        let part = -f.shear_force_n[0] / (MU * f.normal_force_n);
+        // The theory's part at this way, by bisection.
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..50 {
+            let middle = 0.5 * (low + high);
+            if way_mm(middle) < x_mm { low = middle } else { high = middle }
+        }
+        assert!((part / low - 1.0).abs() < 0.03, "{x_mm} mm: {part} of Coulomb's force, {low} in theory");
+    }
+}
+
+#[test]
+fn a_turn_in_full_slip_has_the_torque_of_a_hertzian_contact() {
+    let mut s = pressed(Friction::Coefficient(MU));
+    let (p, a) = contact(&mut s);
+    let mut torque = 0.0;
+    for n in 1..=4 {
+        torque = -forces_at(&mut s, 0.0, 2.5 * f64::from(n)).torque_n_mm;
+    }
+    let theory = 3.0 * std::f64::consts::PI / 16.0 * MU * p * a;
+    assert!((torque / theory - 1.0).abs() < 0.03, "{torque} N mm against {theory} N mm");
+}
