@@ -30,9 +30,9 @@ pub mod level;
 pub mod newton;
 pub mod operator;
 pub mod probe;
+mod refinement;
 pub mod resolution;
 pub mod springs;
-pub mod stress;
 
 use super::interrupt::Interrupt;
 use super::{
@@ -49,9 +49,10 @@ use std::sync::atomic::AtomicBool;
 /// A pad that follows an indenter through equilibria.
 ///
 /// What the tolerance asks for in general ([`Resolution::for_tolerance`]) is tried first. Where an answer states a
-/// larger error than was asked for, or none is found, the way since the pad was last at rest is followed again with
-/// finer cells, as often as that promises to help; once at rest, the pad is as coarse as it began. The answer of a
-/// waypoint so depends on the way to it alone.
+/// much larger error than was asked for, or none is found, the way since the pad was last at rest is followed again with
+/// finer cells, as often as that promises to help. Once at rest, the pad is as coarse as it began, and so it is where a
+/// drag begins from a press that was of use with coarse cells: over fine ones what sticks takes minutes a millimetre.
+/// The answer of a waypoint depends on the way to it alone.
 #[derive(Debug)]
 pub struct QuasiStaticSolver {
     /// Coarsest first.
@@ -64,6 +65,8 @@ pub struct QuasiStaticSolver {
     wanted: Option<f64>,
     /// Whether finer cells have failed since the pad was last at rest: another try would begin with the same way.
     refined_in_vain: bool,
+    /// Whether the answer without the finer cells was of use, too.
+    dispensable: bool,
     /// Where the pad was last at rest, and the waypoints since then.
     path: Vec<Pose>,
     pad: Body,
@@ -81,9 +84,6 @@ struct Body {
     friction: Friction,
 }
 
-/// Stated error over the one asked for that is as good: what is stated is about twice the truth (found by experiment,
-/// see the README's table).
-const GOOD_ENOUGH: f64 = 1.5;
 /// A stated error with which an answer is none.
 const UNRESOLVED: f64 = 0.2;
 
@@ -101,7 +101,8 @@ impl QuasiStaticSolver {
     ) -> Result<Self, Error> {
         check(pad, settings)?;
         let resolution = Resolution::for_tolerance(settings.tolerance);
-        Self::build(pad, settings, resolution, Some(GOOD_ENOUGH * settings.tolerance), indenter, start)
+        let wanted = refinement::wanted(settings.tolerance);
+        Self::build(pad, settings, resolution, Some(wanted), indenter, start)
     }
 
     /// As [`Self::new`], with the resolution given instead of derived from the tolerance, and kept whatever comes.
@@ -143,6 +144,7 @@ impl QuasiStaticSolver {
             levels,
             unrefined: None,
             refined_in_vain: false,
+            dispensable: false,
             resolution,
             wanted,
             path: vec![*start],
@@ -177,66 +179,6 @@ impl QuasiStaticSolver {
         }
         follow(&mut self.levels, indenter.as_ref(), pose, patience)
     }
-
-    /// Error that the present answer states, relative to depth.
-    fn stated_error(&self) -> f64 {
-        self.finest().estimated_error(self.indenter.as_ref()).unwrap_or(0.0)
-    }
-
-    /// Stated error that is worth going the way since rest again: beyond the first waypoint that is longer, and
-    /// friction lets the statement waver.
-    fn worthwhile(&self) -> Option<f64> {
-        self.wanted.map(|wanted| if self.path.len() > 1 { 2.0 * wanted } else { wanted })
-    }
-
-    /// Follows the way since rest and on to `pose` with one level more. When that fails, all is as it was.
-    fn again_finer(&mut self, finer: Resolution, pose: &Pose) -> Result<(), Error> {
-        let rest = self.path[0];
-        let mut levels: Vec<Step> = self.levels.iter().map(Step::fork).collect();
-        rest_at(&mut levels, &rest);
-        let unrefined = levels.iter().map(Step::fork).collect();
-        if let Some(last) = levels.last_mut() {
-            last.level.only_guess();
-        }
-        let mut level = self.pad.level(&finer, rest, false);
-        level.newton.interrupt = self.interrupt.clone();
-        levels.push(Step::after(&levels, level));
-        let before = std::mem::replace(&mut self.levels, levels);
-        let path = self.path.clone();
-        let replayed = path[1..].iter().chain([pose]).try_for_each(|p| self.go(p, &REFINED));
-        if let Err(error) = replayed {
-            let lost = std::mem::replace(&mut self.levels, before);
-            self.count(lost);
-            return Err(error);
-        }
-        self.count(before);
-        self.unrefined.get_or_insert(unrefined);
-        self.resolution = finer;
-        Ok(())
-    }
-
-    /// Keeps the counters of levels that are left.
-    fn count(&mut self, mut levels: Vec<Step>) {
-        for (sum, n) in self.spent.iter_mut().zip(take_counters(&mut levels)) {
-            *sum += n;
-        }
-    }
-
-    /// Remembers a waypoint for those that may have to go the way again.
-    fn arrive(&mut self, pose: &Pose) {
-        if !self.finest().at_rest() {
-            self.path.push(*pose);
-            return;
-        }
-        self.path = vec![*pose];
-        self.refined_in_vain = false;
-        if let Some(mut levels) = self.unrefined.take() {
-            rest_at(&mut levels, pose);
-            let refined = std::mem::replace(&mut self.levels, levels);
-            self.count(refined);
-            self.resolution = Resolution { cell_mm: self.finest().grid().hx, ..self.resolution };
-        }
-    }
 }
 
 impl Body {
@@ -248,22 +190,12 @@ impl Body {
 impl Elastomer for QuasiStaticSolver {
     fn advance(&mut self, pose: &Pose) -> Result<(), Error> {
         pose_can_be_reached(pose, self.pad.size_mm[2])?;
+        if self.dispensable && self.unrefined.is_some() && self.drags(pose) {
+            self.again_unrefined()?;
+        }
         let usual = if self.unrefined.is_some() { &REFINED } else { &FINEST };
         let mut ended = self.go(pose, usual);
-        while let (Some(wanted), false) = (self.worthwhile(), self.refined_in_vain) {
-            let stated = match &ended {
-                Ok(()) => self.stated_error(),
-                Err(Error::NotConverged { .. }) => f64::INFINITY,
-                Err(_) => break,
-            };
-            let Some(finer) = self.resolution.refined(self.pad.size_mm, stated, wanted) else { break };
-            match self.again_finer(finer, pose) {
-                Ok(()) => ended = Ok(()),
-                Err(stopped @ Error::Interrupted) => return Err(stopped),
-                // The coarser answer, if there is one, states its error.
-                Err(_) => self.refined_in_vain = true,
-            }
-        }
+        self.refine(&mut ended, pose)?;
         ended?;
         let stated = self.stated_error();
         if self.wanted.is_some() && stated > UNRESOLVED {
@@ -299,6 +231,7 @@ impl Elastomer for QuasiStaticSolver {
             levels: self.levels.iter().map(Step::fork).collect(),
             unrefined: self.unrefined.as_ref().map(|levels| levels.iter().map(Step::fork).collect()),
             refined_in_vain: self.refined_in_vain,
+            dispensable: self.dispensable,
             resolution: self.resolution,
             wanted: self.wanted,
             path: self.path.clone(),

@@ -190,8 +190,8 @@ fn kind(error: &Error) -> &'static str {
 /// Whether a message says what to do: a range, or a verb.
 fn advises(message: &str) -> bool {
     const VERBS: [&str; 14] = [
-        "choose", "correct", "set ", "lower", "raise", "use ", "keep", "leave", "must", "at least", "at most", "place",
-        "ask", "from 0",
+        "choose", "correct", "set ", "lower", "raise", "use ", "keep", "leave", "must", "at least",
+        "at most", "place", "ask", "from 0",
     ];
     VERBS.iter().any(|verb| message.contains(verb))
 }

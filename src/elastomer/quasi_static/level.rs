@@ -324,8 +324,13 @@ impl Level {
             }
             if rounds == MOST_ROUNDS || spent > MOST_NEWTON {
                 // What is still at odds stays as it is, and is told; the forces are brought into balance.
-                let mut outcome =
-                    self.newton.solve(problem, &mut self.at.contacts, &mut self.at.u, &mut state, self.residual);
+                let mut outcome = self.newton.solve(
+                    problem,
+                    &mut self.at.contacts,
+                    &mut self.at.u,
+                    &mut state,
+                    self.residual,
+                );
                 outcome.iterations += spent;
                 let near = updated.violation_mm < 10.0 * allowed_mm && outcome.residual <= ROUGH_RESIDUAL;
                 return if near { Ok(outcome) } else { Err(outcome) };

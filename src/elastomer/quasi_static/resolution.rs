@@ -61,10 +61,7 @@ impl Resolution {
         while blocks > 1 {
             blocks = blocks.div_ceil(2);
             let cell_mm = size[0] / (16 * blocks) as f64;
-            all.insert(
-                0,
-                Self { cell_mm, residual: GUESS_RESIDUAL, penetration: GUESS_RESIDUAL, ..*self },
-            );
+            all.insert(0, Self { cell_mm, residual: GUESS_RESIDUAL, penetration: GUESS_RESIDUAL, ..*self });
         }
         all
     }

@@ -457,19 +457,41 @@ fn contact_at_the_edge_is_refused_and_before_touch_nothing_is_computed() {
 }
 
 #[test]
-fn a_few_hard_cases_end_in_correct_answers_or_typed_errors() {
-    let indenters: Vec<Arc<dyn Indenter>> = vec![Arc::new(Sphere(3.0))];
-    let cases = stress::cases(&indenters);
-    let hard = |c: &&stress::Case| c.pad.material.poisson_ratio > 0.495 || c.path[0].depth_mm() < 0.1;
-    let mut correct = 0;
-    for case in cases.iter().filter(hard) {
-        // Coarse, to be quick: the whole sweep is for the stress command.
-        let case = &stress::Case { cell_mm: 1.25, ..case.clone() };
-        match stress::run(case).0 {
-            stress::Outcome::Correct { .. } => correct += 1,
-            stress::Outcome::Refused(_) => {}
-            stress::Outcome::Wrong(what) => panic!("{case:?}: {what}"),
+fn a_press_that_states_too_much_is_solved_with_finer_cells_until_it_is_dragged_or_let_go() {
+    let settings = Settings { tolerance: 0.02, ..settings(Friction::Infinite) };
+    let start = Pose::new(0.0, 0.0, 0.2, 0.0);
+    let punch = Arc::new(Punch(1.75, 0.02));
+    let solver = |resolution: Option<Resolution>| {
+        // Small, to be quick.
+        let pad = Pad { size_x_mm: 10.0, size_y_mm: 10.0, ..pad(Law::NeoHookean) };
+        match resolution {
+            None => QuasiStaticSolver::new(&pad, &settings, punch.clone(), &start),
+            Some(r) => QuasiStaticSolver::with_resolution(&pad, &settings, r, punch.clone(), &start),
         }
-    }
-    assert!(correct >= 3, "{correct} of 4");
+        .expect("settings are in range")
+    };
+    let coarse = Resolution::for_tolerance(settings.tolerance);
+    let press = Pose::new(0.0, 0.0, -0.5, 0.0);
+    let drag = Pose::new(0.1, 0.0, -0.5, 0.0);
+    let run = |s: &mut QuasiStaticSolver, pose: &Pose| {
+        s.advance(pose).expect("an easy way");
+        (s.finest().grid().nx, s.capture(41, 41).expect("a lattice"))
+    };
+    let (mut given, mut s) = (solver(Some(coarse)), solver(None));
+    let (cells, before) = run(&mut given, &press);
+    let stated = |c: &ElastomerCapture| c.stats.estimated_error.expect("a press");
+    assert!(stated(&before) > 2.0 * settings.tolerance, "{}", stated(&before));
+    let (finer, pressed) = run(&mut s, &press);
+    assert!(finer > cells && stated(&pressed) <= 2.0 * settings.tolerance, "{finer} {}", stated(&pressed));
+    assert!(pressed.stats.iterations > before.stats.iterations, "work on levels that are left counts");
+    // A copy goes the same way.
+    let mut copy = s.fork();
+    // The drag is that of the coarse cells, to the bit.
+    let (again, dragged) = run(&mut s, &drag);
+    let (_, plain) = run(&mut given, &drag);
+    assert_eq!((again, &dragged.surface), (cells, &plain.surface));
+    copy.advance(&drag).expect("an easy way");
+    assert_eq!(copy.capture(41, 41).expect("a lattice").surface, plain.surface);
+    assert_eq!(run(&mut s, &start).0, cells);
+    assert_eq!(run(&mut s, &press).1.surface, pressed.surface);
 }

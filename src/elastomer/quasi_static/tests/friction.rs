@@ -11,12 +11,8 @@ const MU: f64 = 0.3;
 fn pressed(friction: Friction) -> QuasiStaticSolver {
     let mut pad = Pad { size_x_mm: 12.0, size_y_mm: 12.0, thickness_mm: 8.0, ..pad(Law::NeoHookean) };
     pad.material.poisson_ratio = NU;
-    let resolution = Resolution {
-        cell_mm: 0.15,
-        residual: 2e-4,
-        penetration: 1e-3,
-        ..Resolution::for_tolerance(0.01)
-    };
+    let resolution =
+        Resolution { cell_mm: 0.15, residual: 2e-4, penetration: 1e-3, ..Resolution::for_tolerance(0.01) };
     let start = Pose::new(0.0, 0.0, 0.1, 0.0);
     let sphere = Arc::new(Sphere(RADIUS_MM));
     let mut s = QuasiStaticSolver::with_resolution(&pad, &settings(friction), resolution, sphere, &start)
@@ -48,8 +44,7 @@ fn partial_slip_follows_cattaneo_and_mindlin() {
     // Way of partial slip on the half-space; the layer differs by what is far away, which is linear.
     let sliding_mm = 1.5 * MU * p / half_space;
     let far = 1.0 / half_space - 1.0 / layer;
-    let way_mm =
-        |part: f64| sliding_mm * (1.0 - (1.0 - part).powf(2.0 / 3.0)) - far * part * MU * p;
+    let way_mm = |part: f64| sliding_mm * (1.0 - (1.0 - part).powf(2.0 / 3.0)) - far * part * MU * p;
     for n in 2..=6 {
         let x_mm = 0.2 * f64::from(n) * sliding_mm;
         let f = forces_at(&mut s, x_mm, 0.0);

@@ -1,0 +1,140 @@
+//! When a pad is solved again with finer cells, and when it is not.
+//!
+//! A tolerance picks cells that meet it for smooth bodies ([`Resolution::for_tolerance`]). Flat bodies with edges have
+//! twice the error or more, and narrow ones fall between the cells. Every answer states its error, so a press that
+//! states too much is pressed again. What costs too much is not done: a drag with friction goes on with the cells that
+//! the press began with if those were of use, and finer cells that find no equilibrium are not tried again before rest.
+
+use super::cascade::{FINEST, REFINED, Step, rest_at};
+use super::resolution::Resolution;
+use super::{QuasiStaticSolver, take_counters};
+use crate::elastomer::{Error, Friction};
+use crate::pose::Pose;
+
+/// Stated error over the one asked for that finer cells aim at: what is stated is about twice the truth (found by
+/// experiment against cells of 0.2 mm).
+const GOOD_ENOUGH: f64 = 1.5;
+/// Stated error over the one aimed at that is worth pressing again with finer cells, which take three to ten times as
+/// long.
+const WORTHWHILE: f64 = 4.0 / 3.0;
+/// The same for whoever has gone on from the first press: the way is longer, and friction lets the statement waver.
+const WORTHWHILE_LATER: f64 = 8.0 / 3.0;
+
+/// Stated error that finer cells aim at.
+pub fn wanted(tolerance: f64) -> f64 {
+    GOOD_ENOUGH * tolerance
+}
+
+impl QuasiStaticSolver {
+    /// Follows the way again while an answer states too much or there is none, and finer cells may help.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`]; that finer cells failed is not one, for how it `ended` without them stands.
+    pub(super) fn refine(&mut self, ended: &mut Result<(), Error>, pose: &Pose) -> Result<(), Error> {
+        while let (Some(wanted), Some(acceptable), false) =
+            (self.wanted, self.acceptable(), self.refined_in_vain)
+        {
+            let stated = match ended {
+                Ok(()) => self.stated_error(),
+                Err(Error::NotConverged { .. }) => f64::INFINITY,
+                Err(_) => break,
+            };
+            if stated <= acceptable {
+                break;
+            }
+            let Some(finer) = self.resolution.refined(self.pad.size_mm, stated, wanted) else { break };
+            if self.unrefined.is_none() {
+                self.dispensable = stated <= WORTHWHILE_LATER * wanted;
+            }
+            match self.again_finer(finer, pose) {
+                Ok(()) => *ended = Ok(()),
+                Err(stopped @ Error::Interrupted) => return Err(stopped),
+                // The coarser answer, if there is one, states its error.
+                Err(_) => self.refined_in_vain = true,
+            }
+        }
+        Ok(())
+    }
+
+    /// Error that the present answer states, relative to depth.
+    pub(super) fn stated_error(&self) -> f64 {
+        self.finest().estimated_error(self.indenter.as_ref()).unwrap_or(0.0)
+    }
+
+    /// Stated error beyond which finer cells are tried.
+    fn acceptable(&self) -> Option<f64> {
+        let worthwhile = if self.path.len() > 1 { WORTHWHILE_LATER } else { WORTHWHILE };
+        self.wanted.map(|wanted| worthwhile * wanted)
+    }
+
+    /// Whether the way to `pose` drags the face along.
+    pub(super) fn drags(&self, pose: &Pose) -> bool {
+        let from = self.finest().pose();
+        let turns = (pose.theta_deg - from.theta_deg).abs() > 1e-9;
+        let slides = (pose.x_mm - from.x_mm).hypot(pose.y_mm - from.y_mm) > 1e-9;
+        (turns || slides) && self.pad.friction != Friction::Coefficient(0.0) && !self.finest().at_rest()
+    }
+
+    /// Follows the way since rest with the levels that it was begun with: a press may be worth finer cells over which
+    /// dragging is not.
+    pub(super) fn again_unrefined(&mut self) -> Result<(), Error> {
+        self.leave_refined();
+        self.refined_in_vain = true;
+        let path = self.path.clone();
+        path[1..].iter().try_for_each(|p| self.go(p, &FINEST))
+    }
+
+    /// Back to the levels of the beginning, at rest.
+    fn leave_refined(&mut self) {
+        if let Some(mut levels) = self.unrefined.take() {
+            rest_at(&mut levels, &self.path[0]);
+            let refined = std::mem::replace(&mut self.levels, levels);
+            self.count(refined);
+            self.resolution = Resolution { cell_mm: self.finest().grid().hx, ..self.resolution };
+        }
+    }
+
+    /// Follows the way since rest and on to `pose` with one level more. When that fails, all is as it was.
+    fn again_finer(&mut self, finer: Resolution, pose: &Pose) -> Result<(), Error> {
+        let rest = self.path[0];
+        let mut levels: Vec<Step> = self.levels.iter().map(Step::fork).collect();
+        rest_at(&mut levels, &rest);
+        let unrefined = levels.iter().map(Step::fork).collect();
+        if let Some(last) = levels.last_mut() {
+            last.level.only_guess();
+        }
+        let mut level = self.pad.level(&finer, rest, false);
+        level.newton.interrupt = self.interrupt.clone();
+        levels.push(Step::after(&levels, level));
+        let before = std::mem::replace(&mut self.levels, levels);
+        let path = self.path.clone();
+        let replayed = path[1..].iter().chain([pose]).try_for_each(|p| self.go(p, &REFINED));
+        if let Err(error) = replayed {
+            let lost = std::mem::replace(&mut self.levels, before);
+            self.count(lost);
+            return Err(error);
+        }
+        self.count(before);
+        self.unrefined.get_or_insert(unrefined);
+        self.resolution = finer;
+        Ok(())
+    }
+
+    /// Keeps the counters of levels that are left.
+    fn count(&mut self, mut levels: Vec<Step>) {
+        for (sum, n) in self.spent.iter_mut().zip(take_counters(&mut levels)) {
+            *sum += n;
+        }
+    }
+
+    /// Remembers a waypoint for those that may have to go the way again.
+    pub(super) fn arrive(&mut self, pose: &Pose) {
+        if !self.finest().at_rest() {
+            self.path.push(*pose);
+            return;
+        }
+        self.path = vec![*pose];
+        (self.refined_in_vain, self.dispensable) = (false, false);
+        self.leave_refined();
+    }
+}
