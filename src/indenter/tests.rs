@@ -317,6 +317,12 @@ fn a_round_that_does_not_fit_is_refused_with_the_largest_that_does() {
     let Error::RoundTooLarge { largest_mm, .. } = &error else { panic!("{error}") };
     assert!((largest_mm - 1.0).abs() < 0.01, "{largest_mm}");
     assert!(error.to_string().contains("choose edge_round_mm below"), "{error}");
+    // Nothing is left of a bead that is rounded by its own radius.
+    let bead = Shape::Dome { radius_mm: 0.3, diameter_mm: 0.6 };
+    let bead = IndenterSpec { shape: bead, ..spec("line") };
+    assert!(matches!(from_spec("bead", &bead, Some(0.3)), Err(Error::RoundTooLarge { .. })));
+    let rounded = from_spec("bead", &bead, Some(0.29)).expect("a tip is left");
+    assert!(rounded.half_extent_mm()[0] < 0.31 && rounded.distance(DVec3::new(0.0, 0.0, -1.0)) > 0.9);
 }
 
 #[test]
