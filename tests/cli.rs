@@ -340,6 +340,19 @@ fn protocols_are_listed_linted_and_tested() {
 }
 
 #[test]
+fn a_coordinate_that_the_rig_has_not_is_refused_before_anything_moves() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let rig = folder.path().join("rig.toml");
+    let shipped = std::fs::read_to_string(VIRTUAL).expect("the shipped rig");
+    let without_y: Vec<&str> = shipped.lines().filter(|l| !l.starts_with("y = {")).collect();
+    std::fs::write(&rig, without_y.join("\n")).expect("writes");
+    let output = run(&["move", rig.to_str().expect("a path"), "--y", "3", "--home", "--speed", "50"]);
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    let said = text(&output.stderr);
+    assert!(said.contains("no axis for y") && said.contains("nothing was moved"), "{said}");
+}
+
+#[test]
 fn the_log_of_every_port_is_replayed_and_a_difference_is_found() {
     let folder = tempfile::tempdir().expect("a folder");
     let moved = twinrig(&["move", VIRTUAL, "--z", "5", "--home", "--speed", "20"])
