@@ -367,28 +367,36 @@ mod at_a_terminal {
 
     /// How often GRBL was told to end a jog.
     fn cancels(folder: &Path) -> usize {
-        stage_log(folder).lines().filter(|l| l.ends_with(r"> \x85")).count()
+        stage_log(folder).matches(r"> \x85").count()
     }
 
-    /// Holds a key for a third of a second after its first repeat, ends that in some way, and returns how long after
-    /// the last key, or what ended it, the bytes that end the motion were on the port.
+    /// Holds a key until it has moved the stage for a third of a second, ends that in some way, and returns how long
+    /// after the last key, or what ended it, the bytes that end the motion were on the port.
     fn held_then(hands: &mut Hands, folder: &Path, repeat: &str, end: &str) -> Duration {
         let before = cancels(folder);
-        hands.type_in(LEFT);
-        std::thread::sleep(Duration::from_millis(if repeat == LEFT { 100 } else { 500 }));
-        for _ in 0..10 {
-            hands.type_in(repeat);
-            std::thread::sleep(Duration::from_millis(33));
-        }
+        glide(hands, folder, repeat);
         assert_eq!(cancels(folder), before, "while the key is held nothing ends");
-        hands.type_in(if end.is_empty() { repeat } else { end });
         let last = Instant::now();
+        hands.type_in(if end.is_empty() { repeat } else { end });
         loop {
             if cancels(folder) > before {
                 return last.elapsed();
             }
             assert!(last.elapsed() < Duration::from_secs(10), "the motion is never ended");
             std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Holds a key down: the first touch is a step; the repeats that outlive it move the stage piece by piece.
+    fn glide(hands: &mut Hands, folder: &Path, repeat: &str) {
+        let pieces = || stage_log(folder).matches("\"jog\":true").count();
+        let (before, begun) = (pieces(), Instant::now());
+        hands.type_in(LEFT);
+        std::thread::sleep(Duration::from_millis(100));
+        while pieces() < before + 4 {
+            assert!(begun.elapsed() < Duration::from_secs(30), "a held key moves nothing");
+            hands.type_in(repeat);
+            std::thread::sleep(Duration::from_millis(33));
         }
     }
 
@@ -448,9 +456,8 @@ mod at_a_terminal {
         let folder = tempfile::tempdir().unwrap();
         let mut hands = at_a_homed_bench(folder.path(), Tells::Everything);
         hands.painted();
-        hands.type_in(LEFT);
-        std::thread::sleep(Duration::from_millis(500));
-        for _ in 0..30 {
+        glide(&mut hands, folder.path(), LEFT_REPEATS);
+        for _ in 0..20 {
             hands.type_in(LEFT_REPEATS);
             std::thread::sleep(Duration::from_millis(33));
         }

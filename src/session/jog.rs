@@ -79,6 +79,8 @@ pub enum Doing {
 const PIECE: Duration = Duration::from_millis(80);
 /// The next piece is sent when this much of the one before is left.
 const AHEAD: Duration = Duration::from_millis(50);
+/// Asking a device where it is takes about half of this.
+const TIME_TO_ASK: Duration = Duration::from_millis(20);
 /// A repeat that comes at the last instant still counts.
 const JUST_AFTER: Duration = Duration::from_millis(1);
 /// How often a bench at rest is asked where it is.
@@ -214,6 +216,17 @@ impl<'a> Jog<'a> {
                 break;
             }
             until = until.max(Instant::now()) + PIECE;
+            // Whoever watches sees where it is on the way, as long as that keeps no piece waiting.
+            if (until - AHEAD).saturating_duration_since(Instant::now()) >= TIME_TO_ASK {
+                let asked = mover.position();
+                let (told, ending) =
+                    attended(asked, &mut self.wishes, &mut self.hold, &mut self.pace, &self.stops).await;
+                self.ending |= ending;
+                if let Err(e) = told {
+                    sent = Err(e);
+                    break;
+                }
+            }
             // Listen until the next piece is due, or nobody wants one any more.
             while self.hold.gliding(Instant::now()) == Some(direction) {
                 let due = until - AHEAD;
