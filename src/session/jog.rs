@@ -243,10 +243,15 @@ impl<'a> Jog<'a> {
             }
         }
         let mover = self.bench.movers.get_mut(&role.device).expect("a role names a device of the rig");
+        // Between two pieces a stop ends no request, and yet it is what happened.
+        let stopped = mover.stop_handle().is_stopped();
         let rest = mover.end_glide();
         let (ended, ending) =
             attended(rest, &mut self.wishes, &mut self.hold, &mut self.pace, &self.stops).await;
         self.ending |= ending;
+        if stopped && sent.is_ok() && ended.is_ok() {
+            self.say_stopped();
+        }
         if at == end {
             self.say(format!("{} is at its limit", direction.coordinate.name()));
             // A key that is still held does not begin again from here.
@@ -343,8 +348,7 @@ impl<'a> Jog<'a> {
                 Err(error)
             }
             BenchError::Mover { source, .. } if source.is_stop() => {
-                let home = if is_referenced { "" } else { "; press h to home" };
-                self.say(format!("stopped{home}"));
+                self.say_stopped();
                 Ok(())
             }
             _ => {
@@ -356,6 +360,11 @@ impl<'a> Jog<'a> {
 
     fn doing(&self, doing: Doing) {
         self.view.send_if_modified(|v| std::mem::replace(&mut v.doing, doing) != doing);
+    }
+
+    fn say_stopped(&self) {
+        let home = if self.bench.is_referenced() { "" } else { "; press h to home" };
+        self.say(format!("stopped{home}"));
     }
 
     fn say(&self, text: String) {
