@@ -131,17 +131,15 @@ pub enum Error {
     },
     /// The dataset was begun with something else.
     #[error(
-        "{dataset} was begun with {what}: it has {has}, this run has {wants}; use the files it was begun with (dataset.json holds them verbatim) or choose another --out"
+        "{dataset} was begun with {what}: {how}; use the files and --set it was begun with (dataset.json holds them verbatim) or choose another --out"
     )]
     Belongs {
         /// The folder.
         dataset: PathBuf,
         /// What differs.
         what: &'static str,
-        /// The dataset's.
-        has: String,
-        /// This run's.
-        wants: String,
+        /// Which names or keys, what they were and what they are now.
+        how: String,
     },
     /// Another process writes.
     #[error("{path} is being written by another process; wait for it or stop it")]

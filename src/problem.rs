@@ -21,12 +21,25 @@ pub struct Problem {
 pub struct Problems {
     prefix: Vec<String>,
     found: Vec<Problem>,
+    doubted: Vec<String>,
 }
 
 impl Problems {
     /// An empty collection at the root of a file.
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// An empty collection, for a file at whose keys `doubted` something else was read than was written.
+    pub fn doubting(doubted: Vec<String>) -> Self {
+        Self { doubted, ..Self::default() }
+    }
+
+    /// Whether what a key of the file (given from its root) and all below it say is what was written. What follows
+    /// from another table is judged only then.
+    pub fn is_certain(&self, key: &str) -> bool {
+        let below = |rest: &str| rest.is_empty() || rest.starts_with(['.', '[']);
+        !self.doubted.iter().any(|doubted| doubted.strip_prefix(key).is_some_and(below))
     }
 
     /// Runs `check` with `key` appended to the prefix.
@@ -92,5 +105,12 @@ mod tests {
         let found = problems.into_vec();
         assert_eq!(found[0].key, "axes[2].travel_mm");
         assert_eq!(found[0].allowed, "0 to 300 mm");
+    }
+
+    #[test]
+    fn what_stands_beside_a_doubt_is_certain() {
+        let problems = Problems::doubting(vec!["axes.z.max".to_owned()]);
+        assert!(!problems.is_certain("axes.z") && !problems.is_certain("axes.z.max"));
+        assert!(problems.is_certain("axes.z.min") && problems.is_certain("axes.za"));
     }
 }

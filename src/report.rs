@@ -10,13 +10,15 @@
 
 mod facts;
 mod gallery;
+mod numbers;
 mod page;
 mod plots;
 mod tables;
 
 use crate::dataset::{self, Dataset};
-use crate::pairing::{self, Alignment, Pairing};
+use crate::pairing::{self, Alignment};
 use facts::Facts;
+pub use numbers::{Numbers, Refused, Score};
 use std::path::PathBuf;
 
 /// Why there is no report.
@@ -38,30 +40,39 @@ pub enum Error {
     },
 }
 
-/// Pairs a dataset, rebuilds its tables, writes its report; answers where the report is.
+/// A report that was written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Written {
+    /// The page.
+    pub path: PathBuf,
+    /// What it says, for scripts.
+    pub numbers: Numbers,
+}
+
+/// Pairs a dataset, rebuilds its tables, writes its report; answers where the report is and what it says.
 ///
 /// # Errors
 /// When the dataset cannot be read, its sides cannot be compared, or the disk refuses.
-pub fn write(dataset: &Dataset) -> Result<PathBuf, Error> {
+pub fn write(dataset: &Dataset) -> Result<Written, Error> {
     let pairing = pairing::pair(dataset, Alignment::Off)?;
     dataset.finalise(&pairing.metrics())?;
     let path = dataset.root().join("report.html");
-    let page = html(dataset, &pairing);
+    let facts = Facts::gather(dataset, &pairing);
+    let page = html(dataset, &facts);
     std::fs::write(&path, page).map_err(|source| Error::Write { path: path.clone(), source })?;
-    Ok(path)
+    Ok(Written { path, numbers: Numbers::of(&facts) })
 }
 
 /// The page itself.
-pub fn html(dataset: &Dataset, pairing: &Pairing) -> String {
-    let facts = Facts::gather(dataset, pairing);
+fn html(dataset: &Dataset, facts: &Facts) -> String {
     let mut body = String::new();
-    body += &tables::opening(&facts);
-    body += &tables::scores(&facts);
-    body += &gallery::highlights(dataset, &facts);
-    body += &plots::sections(&facts);
-    body += &gallery::all(dataset, &facts);
-    body += &tables::course(&facts);
-    body += &tables::provenance(&facts);
+    body += &tables::opening(facts);
+    body += &tables::scores(facts);
+    body += &gallery::highlights(dataset, facts);
+    body += &plots::sections(facts);
+    body += &gallery::all(dataset, facts);
+    body += &tables::course(facts);
+    body += &tables::provenance(facts);
     page::document(&format!("{} on {}", facts.provenance.plan, facts.provenance.rig), &body)
 }
 

@@ -328,7 +328,7 @@ fn protocols_are_listed_linted_and_tested() {
     let number: usize =
         line.split(':').nth(1).and_then(|n| n.parse().ok()).unwrap_or_else(|| panic!("{line}"));
     let file = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(fails)).expect("a fixture");
-    assert_eq!(file.lines().nth(number - 1), Some("[[vector]]"), "{line}");
+    assert_eq!(file.lines().nth(number - 1), Some(r#"tx = "1PA5.1\r\n""#), "{line}");
 
     // What is not a protocol is code 2.
     let output = run(&["protocol", "test", "grbl", "tests/bad_protocols/syntax.toml", "--json"]);
@@ -337,6 +337,19 @@ fn protocols_are_listed_linted_and_tested() {
     assert_eq!(verdicts[0]["refused"], serde_json::Value::Null);
     assert!(verdicts[1]["refused"]["findings"][0]["line"].as_u64().is_some(), "{verdicts}");
     assert_eq!(run(&["protocol", "lint", "nothing_of_that_name"]).status.code(), Some(2));
+}
+
+#[test]
+fn a_coordinate_that_the_rig_has_not_is_refused_before_anything_moves() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let rig = folder.path().join("rig.toml");
+    let shipped = std::fs::read_to_string(VIRTUAL).expect("the shipped rig");
+    let without_y: Vec<&str> = shipped.lines().filter(|l| !l.starts_with("y = {")).collect();
+    std::fs::write(&rig, without_y.join("\n")).expect("writes");
+    let output = run(&["move", rig.to_str().expect("a path"), "--y", "3", "--home", "--speed", "50"]);
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    let said = text(&output.stderr);
+    assert!(said.contains("no axis for y") && said.contains("nothing was moved"), "{said}");
 }
 
 #[test]

@@ -203,15 +203,24 @@ mod at_a_terminal {
     use std::os::fd::OwnedFd;
     use std::sync::{Arc, Mutex};
 
-    /// Somebody at a terminal that tells repeats and releases.
+    /// Somebody at a terminal.
     struct Hands {
         keyboard: File,
         screen: Arc<Mutex<String>>,
         child: Child,
     }
 
+    /// What a terminal tells of keys.
+    #[derive(Clone, Copy, PartialEq)]
+    enum Tells {
+        /// Touches, repeats and releases apart: the kitty keyboard protocol.
+        Everything,
+        /// A repeat looks like a touch, a release like nothing: most terminals.
+        Touches,
+    }
+
     impl Hands {
-        fn on(mut command: Command) -> Hands {
+        fn on(mut command: Command, tells: Tells) -> Hands {
             let master =
                 rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
             rustix::pty::grantpt(&master).unwrap();
@@ -230,9 +239,11 @@ mod at_a_terminal {
                 let mut buffer = [0; 4096];
                 while let Ok(n @ 1..) = reader.read(&mut buffer) {
                     let text = String::from_utf8_lossy(&buffer[..n]).into_owned();
-                    // The kitty keyboard protocol: which flags are set, then who are you.
+                    // Which flags are set, which most terminals do not understand; then who are you.
                     if text.contains("\x1b[?u") {
-                        answers.write_all(b"\x1b[?0u\x1b[?62c").unwrap();
+                        let flags: &[u8] = if tells == Tells::Everything { b"\x1b[?0u" } else { b"" };
+                        answers.write_all(flags).unwrap();
+                        answers.write_all(b"\x1b[?62c").unwrap();
                     }
                     shown.lock().unwrap().push_str(&text);
                 }
@@ -278,7 +289,8 @@ mod at_a_terminal {
     #[test]
     fn keys_move_the_bench_in_steps_and_for_as_long_as_they_are_held() {
         let folder = tempfile::tempdir().unwrap();
-        let mut hands = Hands::on(twinrig(folder.path(), &["jog", VIRTUAL, "--feed", "4"]));
+        let mut hands =
+            Hands::on(twinrig(folder.path(), &["jog", VIRTUAL, "--feed", "4"]), Tells::Everything);
         let x = || {
             let found = session(folder.path(), VIRTUAL).expect("it runs");
             found["pose"]["x_mm"].as_f64().expect("a position")
@@ -325,6 +337,146 @@ mod at_a_terminal {
         assert_eq!(status.code(), Some(0), "{}", hands.painted());
         let painted = hands.painted();
         assert!(painted.contains("\x1b[?25h"), "the cursor is shown again: {painted:?}");
+    }
+
+    /// Hands at a bench that has been homed, and where its logs are.
+    fn at_a_homed_bench(folder: &Path, tells: Tells) -> Hands {
+        let mut jog = twinrig(folder, &["jog", VIRTUAL, "--feed", "4"]);
+        jog.env("TWINRIG_LOGS", folder.join("logs"));
+        let mut hands = Hands::on(jog, tells);
+        hands.wait_for("not homed: press h");
+        hands.type_in("h");
+        hands.wait_for("at rest");
+        hands
+    }
+
+    /// The log of the stage's port, as far as it is written.
+    fn stage_log(folder: &Path) -> String {
+        let mut folders = vec![folder.join("logs")];
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).unwrap().flatten() {
+                match entry.path() {
+                    path if path.is_dir() => folders.push(path),
+                    path if path.ends_with("stage.log") => return std::fs::read_to_string(path).unwrap(),
+                    _ => {}
+                }
+            }
+        }
+        panic!("no log of the stage's port");
+    }
+
+    /// How often GRBL was told to end a jog.
+    fn cancels(folder: &Path) -> usize {
+        stage_log(folder).matches(r"> \x85").count()
+    }
+
+    /// Holds a key until it has moved the stage for a third of a second, ends that in some way, and returns how long
+    /// after the last key, or what ended it, the bytes that end the motion were on the port.
+    fn held_then(hands: &mut Hands, folder: &Path, repeat: &str, end: &str) -> Duration {
+        let before = cancels(folder);
+        glide(hands, folder, repeat);
+        assert_eq!(cancels(folder), before, "while the key is held nothing ends");
+        let last = Instant::now();
+        hands.type_in(if end.is_empty() { repeat } else { end });
+        loop {
+            if cancels(folder) > before {
+                return last.elapsed();
+            }
+            assert!(last.elapsed() < Duration::from_secs(10), "the motion is never ended");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Holds a key down: the first touch is a step; the repeats that outlive it move the stage piece by piece.
+    fn glide(hands: &mut Hands, folder: &Path, repeat: &str) {
+        let pieces = || stage_log(folder).matches("\"jog\":true").count();
+        let (before, begun) = (pieces(), Instant::now());
+        hands.type_in(LEFT);
+        std::thread::sleep(Duration::from_millis(100));
+        while pieces() < before + 4 {
+            assert!(begun.elapsed() < Duration::from_secs(30), "a held key moves nothing");
+            hands.type_in(repeat);
+            std::thread::sleep(Duration::from_millis(33));
+        }
+    }
+
+    const DEAD_MAN: Duration = Duration::from_millis(150);
+    /// For the scheduler of a machine that runs other tests; on a free one it takes 5 ms.
+    const LATE: Duration = Duration::from_millis(120);
+
+    #[test]
+    #[expect(clippy::print_stderr, reason = "how long it took is worth knowing")]
+    fn the_stop_bytes_leave_when_repeats_stay_out_and_at_once_when_the_terminal_tells_of_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut hands = at_a_homed_bench(folder.path(), Tells::Everything);
+        let mut held = |repeat, end| {
+            let took = held_then(&mut hands, folder.path(), repeat, end);
+            hands.wait_for_rest();
+            took
+        };
+        let silence: Vec<Duration> = (0..3).map(|_| held(LEFT_REPEATS, "")).collect();
+        let released = held(LEFT_REPEATS, LEFT_LET_GO);
+        let focus_lost = held(LEFT_REPEATS, "\x1b[O");
+        eprintln!("silence {silence:?}, release {released:?}, focus {focus_lost:?}");
+        for took in &silence {
+            assert!((DEAD_MAN..DEAD_MAN + LATE).contains(took), "after the last repeat: {silence:?}");
+        }
+        assert!(released < LATE, "after the release: {released:?}");
+        assert!(focus_lost < LATE, "after the loss of the focus: {focus_lost:?}");
+
+        // What the keyboard repeats into a window without the focus, or after its release, moves nothing.
+        let moves = || stage_log(folder.path()).matches("> $J=").count();
+        let before = moves();
+        for _ in 0..10 {
+            hands.type_in(LEFT_REPEATS);
+            std::thread::sleep(Duration::from_millis(33));
+        }
+        assert_eq!(moves(), before);
+    }
+
+    #[test]
+    #[expect(clippy::print_stderr, reason = "how long it took is worth knowing")]
+    fn a_terminal_that_tells_no_releases_has_the_dead_man_and_says_so() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut hands = at_a_homed_bench(folder.path(), Tells::Touches);
+        hands.wait_for("this terminal tells no key releases: motion ends 150 ms after the last repeat");
+        let silence: Vec<Duration> = (0..3)
+            .map(|_| {
+                let took = held_then(&mut hands, folder.path(), LEFT, "");
+                hands.wait_for_rest();
+                took
+            })
+            .collect();
+        eprintln!("silence {silence:?}");
+        assert!(silence.iter().all(|took| (DEAD_MAN..DEAD_MAN + LATE).contains(took)), "{silence:?}");
+    }
+
+    #[test]
+    fn the_position_is_live_between_its_limits_and_space_stops_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut hands = at_a_homed_bench(folder.path(), Tells::Everything);
+        hands.painted();
+        glide(&mut hands, folder.path(), LEFT_REPEATS);
+        for _ in 0..20 {
+            hands.type_in(LEFT_REPEATS);
+            std::thread::sleep(Duration::from_millis(33));
+        }
+        let stops = || stage_log(folder.path()).lines().filter(|l| l.contains(" ! ")).count();
+        assert_eq!(stops(), 0);
+        hands.type_in(" ");
+        let typed = Instant::now();
+        super::wait_for("the stop's bytes", || (stops() > 0).then_some(()));
+        assert!(typed.elapsed() < LATE, "{:?}", typed.elapsed());
+        // One line of x: where it is, between the ends of its range, with a mark.
+        let painted = hands.painted();
+        let lines: Vec<&str> = painted.split("    x ").skip(1).collect();
+        assert!(lines.iter().all(|l| l.contains("-30.0 [") && l.contains("] 30.0")), "{painted:?}");
+        let mut seen: Vec<f64> =
+            lines.iter().filter_map(|l| l.split_whitespace().next()?.parse().ok()).collect();
+        assert!(seen.is_sorted_by(|a, b| a >= b), "{seen:?}");
+        seen.dedup();
+        assert!(seen.len() > 5, "it is told on the way, not at the end alone: {seen:?}");
+        hands.wait_for("stopped");
     }
 }
 

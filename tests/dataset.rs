@@ -244,6 +244,17 @@ fn what_no_journal_knows_is_found_among_the_data() {
     let paths: Vec<&str> = found.iter().map(|f| f.path.as_str()).collect();
     assert_eq!(paths, ["data/test/thumbs.db", "data/train/real/000099.png"]);
 
+    // Where nobody can look, nobody knows: a folder that cannot be read is no empty one.
+    std::fs::rename(root.join("data"), root.join("away")).expect("moves");
+    std::fs::write(root.join("data"), b"no folder").expect("writes");
+    let found = dataset::verify::verify(&root).expect("opens").findings;
+    assert!(
+        found.iter().any(|f| f.path == "data" && f.problem.contains("cannot be looked into")),
+        "{found:?}"
+    );
+    std::fs::remove_file(root.join("data")).expect("removes");
+    std::fs::rename(root.join("away"), root.join("data")).expect("moves back");
+
     // A shorter plan does not have the captures that were made for a longer one.
     let mut lines = std::fs::read_to_string(root.join("journal/real.ndjson")).expect("journal");
     std::fs::remove_file(root.join("data/test/thumbs.db")).expect("removes");

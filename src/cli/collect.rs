@@ -199,7 +199,7 @@ impl Args {
         let report = report.await.map_err(|e| CollectError::Vanished(e.to_string()))??;
         Ok(Summary {
             dataset: self.out.clone(),
-            report,
+            report: report.path,
             captures: plan.trajectory.captures.len(),
             real: dataset.done_real().len(),
             simulated: dataset.done_sim().len(),

@@ -10,7 +10,7 @@ use super::screen;
 use super::signals::Signals;
 use crate::clock::Clock;
 use crate::device::virtual_bench::serve::pty::{PortOptions, serve_port};
-use crate::device::virtual_bench::{Emulator, EmulatorOptions, Faulty, World};
+use crate::device::virtual_bench::{Emulator, EmulatorOptions, Fault, FaultPlan, Faulty, World};
 use crate::session::StopSwitch;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex};
 /// Serve a firmware emulator on a pseudo-terminal
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  twinrig emulate marlin --link /tmp/printer\n  twinrig emulate grbl --link /tmp/stage --speed 10\n  twinrig emulate ./my_stage.toml --link /tmp/mine"
+    after_help = "Examples:\n  twinrig emulate marlin --link /tmp/printer\n  twinrig emulate grbl --link /tmp/stage --speed 10\n  twinrig emulate ./my_stage.toml --link /tmp/mine\n  twinrig emulate grbl --link /tmp/stage --fault reset@byte:900 --fault lose@reply:40"
 )]
 pub struct Args {
     /// Name of a shipped protocol, or path of a protocol file
@@ -27,6 +27,10 @@ pub struct Args {
     /// Where to link the pseudo-terminal
     #[arg(long, value_name = "PATH")]
     pub link: PathBuf,
+    /// Something that goes wrong once: lose, double, late, garble, split, merge, noise, reset, alarm, unplug,
+    /// swallow_request or mute, at a reply or a byte of the replies (from 0) or so long after the start
+    #[arg(long = "fault", value_name = "KIND@PLACE")]
+    pub faults: Vec<Fault>,
     #[command(flatten)]
     pub speed: Speed,
 }
@@ -59,7 +63,7 @@ impl Args {
                     return Exit::Refused;
                 }
             };
-        let device = Arc::new(Mutex::new(Faulty::sound(emulator, clock.now())));
+        let device = Arc::new(Mutex::new(Faulty::new(emulator, FaultPlan(self.faults.clone()), clock.now())));
         let signals = match Signals::listen(StopSwitch::new()) {
             Ok(signals) => signals,
             Err(e) => {

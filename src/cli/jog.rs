@@ -97,6 +97,9 @@ impl Args {
         let jog = Jog::new(&mut at.assembled.bench, pace, self.press, hold, wished, view);
         let mut jogged = Box::pin(jog.run());
         let mut painted = 0;
+        // Not a sleep of its own in every turn: the repeats of a held key would put it off for ever.
+        let mut paint = tokio::time::interval(PAINT);
+        paint.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         let ended = loop {
             tokio::select! {
                 ended = &mut jogged => break ended,
@@ -118,7 +121,7 @@ impl Args {
                     }
                     None => {}
                 },
-                () = tokio::time::sleep(PAINT) => {
+                _ = paint.tick() => {
                     let lines = display.lines(&seen.borrow(), pace);
                     screen::paint(&lines, painted);
                     painted = lines.len();

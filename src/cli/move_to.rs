@@ -33,10 +33,10 @@ pub struct Args {
     #[arg(long, allow_negative_numbers = true)]
     pub theta: Option<f64>,
     /// Feed along lines, mm/s
-    #[arg(long, default_value_t = 2.0)]
+    #[arg(long, default_value_t = 2.0, allow_negative_numbers = true)]
     pub feed: f64,
     /// Feed of the rotation, deg/s
-    #[arg(long, default_value_t = 10.0)]
+    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true)]
     pub turn: f64,
     /// Home first if the position is not known
     #[arg(long)]
@@ -81,6 +81,13 @@ impl Args {
             (Coordinate::Theta, self.theta),
         ];
         for (coordinate, value) in wanted.into_iter().filter_map(|(c, v)| Some((c, v?))) {
+            if bench.map.role(coordinate).is_none() {
+                let name = coordinate.name();
+                screen::error(format_args!(
+                    "--{name} {value:?}: this rig has no axis for {name}; leave it out, or say in [motion] of the rig file which axis moves it; nothing was moved"
+                ));
+                return Exit::Refused;
+            }
             // NaN is in no range.
             let range = bench.range(coordinate);
             if let Some([low, high]) = range.filter(|[low, high]| !(*low..=*high).contains(&value)) {

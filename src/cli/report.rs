@@ -5,17 +5,28 @@
 use super::exit::Exit;
 use super::screen;
 use crate::dataset::Dataset;
+use crate::report::{Numbers, Written};
 use std::path::PathBuf;
 
 /// Write the report of a dataset
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  twinrig report data/slip")]
+#[command(
+    after_help = "Examples:\n  twinrig report data/slip\n  twinrig report data/slip --json | jq '.scores[] | select(.indenter == null)'"
+)]
 pub struct Args {
     /// Folder of the dataset
     pub dataset: PathBuf,
-    /// Print the path of the report as one JSON document (the metrics are in the Parquet files)
+    /// Print the path and the numbers of the report as one JSON document (those of each capture are in the Parquet files)
     #[arg(long)]
     pub json: bool,
+}
+
+/// What `--json` prints.
+#[derive(Debug, serde::Serialize)]
+struct Document {
+    report: PathBuf,
+    #[serde(flatten)]
+    numbers: Numbers,
 }
 
 impl Args {
@@ -29,12 +40,13 @@ impl Args {
             }
         };
         match crate::report::write(&dataset) {
-            Ok(path) if self.json => {
-                screen::json(&serde_json::json!({ "report": path }));
+            Ok(written) if self.json => {
+                let Written { path: report, numbers } = written;
+                screen::json(&Document { report, numbers });
                 Exit::Done
             }
-            Ok(path) => {
-                screen::result(path.display());
+            Ok(written) => {
+                screen::result(written.path.display());
                 Exit::Done
             }
             Err(e) => {

@@ -96,7 +96,8 @@ impl Document {
         let mut gathered = gather::<T>(&self.tree);
         findings.extend(gathered.problems.iter().map(|p| self.finding(p)));
         let value = gathered.value.take()?;
-        let mut problems = Problems::new();
+        let doubted = gathered.placeholders().iter().map(Path::to_string).collect();
+        let mut problems = Problems::doubting(doubted);
         let checked = check(&value, &mut problems);
         let problems = problems.into_vec();
         let is_sound = gathered.problems.is_empty() && problems.is_empty();

@@ -291,8 +291,16 @@ impl RigFile {
     }
 
     fn check_motion(&self, problems: &mut Problems) {
-        let pressing =
-            self.devices.get(&self.motion.z.device).and_then(|d| d.pose_axes().remove(&self.motion.z.axis));
+        // An axis that could not be read as it was written says nothing about those who rely on it.
+        let is_certain = |role: &AxisRole, problems: &Problems| {
+            let device = format!("devices.{}", role.device);
+            ["kinematics".to_owned(), format!("axes.{}", role.axis)]
+                .iter()
+                .all(|part| problems.is_certain(&format!("{device}.{part}")))
+        };
+        let press = &self.motion.z;
+        let pressing = self.devices.get(&press.device).and_then(|d| d.pose_axes().remove(&press.axis));
+        let pressing = pressing.filter(|_| is_certain(press, problems));
         if let Some(axis) = pressing.filter(|a| self.session.touch_feed_mm_s > a.max_feed) {
             problems.push(
                 "session.touch_feed_mm_s",
@@ -305,9 +313,10 @@ impl RigFile {
         for coordinate in Coordinate::ALL {
             let Some(role) = self.motion.role(coordinate) else { continue };
             let name = coordinate.name();
+            let certain = is_certain(role, problems);
             problems.within("motion", |p| {
                 p.within(name, |p| {
-                    if let Some(axis) = self.axis_of(role, p) {
+                    if let Some(axis) = self.axis_of(role, p).filter(|_| certain) {
                         check_role(coordinate, role, &axis, p);
                     }
                     if let Some((_, _, other)) =

@@ -119,7 +119,10 @@ pub fn verify(root: &Path) -> Result<Verification, Error> {
     // journal tells of captures that the plan does not have.
     let (done_real, done_sim) = (dataset.done_real(), dataset.done_sim());
     let captures = dataset.trajectory().captures.len() as u32;
-    for path in files_below(root, Path::new("data")) {
+    let mut below = Vec::new();
+    files_below(root, Path::new("data"), &mut below, &mut findings);
+    below.sort();
+    for path in below {
         let is_table = path.ends_with("metadata.parquet");
         let begun = capture_of(&path).is_some_and(|(side, capture)| {
             let done = if side == "real" { &done_real } else { &done_sim };
@@ -159,18 +162,37 @@ fn capture_of(path: &str) -> Option<(&str, u32)> {
     ["real", "sim", "depth", "contact"].contains(&side).then_some((side, capture))
 }
 
-/// All files below a folder of a dataset, by their path in it, in order.
-fn files_below(root: &Path, folder: &Path) -> Vec<String> {
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(root.join(folder)).into_iter().flatten().flatten() {
+/// All files below a folder of a dataset, by their path in it. What cannot be looked into is a finding: nobody
+/// knows what lies there.
+fn files_below(root: &Path, folder: &Path, found: &mut Vec<String>, findings: &mut Vec<Finding>) {
+    let text = |path: &Path| path.to_string_lossy().replace('\\', "/");
+    let unread = |path: &Path, e: &std::io::Error| {
+        let why = format!(
+            "cannot be looked into ({e}), so nothing is known of what lies there; mend its permissions"
+        );
+        finding(&text(path), why)
+    };
+    let entries = match std::fs::read_dir(root.join(folder)) {
+        Ok(entries) => entries,
+        // Before the first capture there is no such folder.
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return,
+        Err(e) => return findings.push(unread(folder, &e)),
+    };
+    for entry in entries {
+        let entry = match entry {
+            Ok(entry) => entry,
+            Err(e) => {
+                findings.push(unread(folder, &e));
+                continue;
+            }
+        };
         let path = folder.join(entry.file_name());
-        match entry.file_type().is_ok_and(|t| t.is_dir()) {
-            true => found.extend(files_below(root, &path)),
-            false => found.push(path.to_string_lossy().replace('\\', "/")),
+        match entry.file_type() {
+            Ok(kind) if kind.is_dir() => files_below(root, &path, found, findings),
+            Ok(_) => found.push(text(&path)),
+            Err(e) => findings.push(unread(&path, &e)),
         }
     }
-    found.sort();
-    found
 }
 
 fn finding(path: &str, problem: String) -> Finding {

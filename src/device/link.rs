@@ -247,48 +247,57 @@ impl LinkTask {
     async fn run<S: AsyncRead + AsyncWrite + Unpin>(mut self, stream: S) {
         let (mut reader, mut writer) = tokio::io::split(stream);
         let mut buffer = [0u8; 1024];
+        // The engine is called only at instants that are in the log, each with what it is told then: so a replay does
+        // what was done here, to the nanosecond. Bytes that were written tell it nothing.
+        let mut wake = self.turn(self.clock.now());
         let ended = loop {
-            let wake = self.turn();
             let far = self.clock.now().after(Duration::from_secs(3600));
-            let wake = wake.unwrap_or(far);
+            let until = wake.unwrap_or(far);
             let writes = !self.pending.is_empty();
             let shared = self.shared.clone();
-            tokio::select! {
+            let told_at = tokio::select! {
                 biased;
-                () = shared.notify.notified() => {}
+                () = shared.notify.notified() => None,
                 result = write_some(&shared, &mut writer, &self.pending), if writes => match result {
-                    Ok(Some(n)) => self.wrote(n),
-                    Ok(None) => {}
+                    Ok(Some(n)) => {
+                        self.wrote(n);
+                        None
+                    }
+                    Ok(None) => None,
                     Err(e) => break format!("writing failed: {e}"),
                 },
                 result = reader.read(&mut buffer) => match result {
                     Ok(0) => break "the device hung up".to_owned(),
-                    Ok(n) => self.received(&buffer[..n]),
+                    Ok(n) => Some(self.received(&buffer[..n])),
                     Err(e) => break format!("reading failed: {e}"),
                 },
                 call = self.calls.recv() => match call {
-                    Some(call) => self.call(call),
+                    Some(call) => Some(self.call(call)),
                     None => {
                         self.abandon(&mut writer).await;
                         self.close_door();
                         return;
                     }
                 },
-                () = self.clock.sleep_until(wake) => self.note_down(Input::Wake),
+                () = self.clock.sleep_until(until) => Some(self.note_down(Input::Wake)),
+            };
+            if let Some(now) = told_at {
+                wake = self.turn(now);
+            }
+            if let Some(now) = self.take_stop() {
+                wake = self.turn(now);
             }
         };
         self.close_door();
-        self.note_down(Input::Lost(ended.clone()));
+        let lost_at = self.note_down(Input::Lost(ended.clone()));
         self.engine.link_lost(&ended);
         self.known.ended = Some(ended);
-        self.turn();
+        self.turn(lost_at);
         self.refuse_calls();
     }
 
-    /// Lets the engine do what is due; returns when to call again.
-    fn turn(&mut self) -> Option<Timestamp> {
-        let now = self.clock.now();
-        self.take_stop(now);
+    /// Lets the engine do what is due at the instant of what it was told last; returns when to call again.
+    fn turn(&mut self, now: Timestamp) -> Option<Timestamp> {
         let output = self.engine.poll(now);
         self.pending.push_urgent(output.urgent);
         self.pending.push(output.bytes);
@@ -305,19 +314,17 @@ impl LinkTask {
         output.wake.map(|at| Timestamp(at.0.max(now.0)))
     }
 
-    /// A stop was called: whatever waits is dropped, in the engine, here, and in the channel.
-    fn take_stop(&mut self, now: Timestamp) {
+    /// A stop that was called: whatever waits is dropped, in the engine, here, and in the channel. Answers when.
+    fn take_stop(&mut self) -> Option<Timestamp> {
         let (level, written, calls) = {
             let _gate = self.shared.gate.lock().unwrap_or_else(PoisonError::into_inner);
             let level = self.shared.wanted.swap(0, Ordering::SeqCst);
             let written = self.shared.written.swap(false, Ordering::SeqCst);
             (level, written, self.shared.stops.load(Ordering::SeqCst))
         };
-        let Some(kind) = usize::from(level).checked_sub(1).and_then(|at| STOP_KINDS.get(at)).copied() else {
-            return;
-        };
+        let kind = usize::from(level).checked_sub(1).and_then(|at| STOP_KINDS.get(at)).copied()?;
         self.pending.drop_unbegun();
-        self.note_down(Input::Stop { kind, written });
+        let now = self.note_down(Input::Stop { kind, written });
         self.stops_seen.0 = calls;
         let ticket = self.engine.urgent(kind, written, now);
         self.stop_tickets.push(ticket);
@@ -328,9 +335,10 @@ impl LinkTask {
         while let Ok(call) = self.calls.try_recv() {
             match call {
                 Call::Request(_, done) => drop(done.send(Err(Failure::Stopped))),
-                Call::Live => self.set_live(),
+                Call::Live => _ = self.set_live(),
             }
         }
+        Some(now)
     }
 
     fn wrote(&mut self, n: usize) {
@@ -338,10 +346,11 @@ impl LinkTask {
         self.write_down(self.clock.now(), Direction::Sent, &bytes);
     }
 
-    fn received(&mut self, bytes: &[u8]) {
+    fn received(&mut self, bytes: &[u8]) -> Timestamp {
         let now = self.clock.now();
         self.write_down(now, Direction::Received, bytes);
         self.engine.receive(bytes, now);
+        now
     }
 
     fn write_down(&mut self, at: Timestamp, direction: Direction, bytes: &[u8]) {
@@ -349,9 +358,10 @@ impl LinkTask {
     }
 
     /// Writes down what the engine is told beside bytes, now.
-    fn note_down(&mut self, input: Input) {
+    fn note_down(&mut self, input: Input) -> Timestamp {
         let at = self.clock.now();
         self.in_log(|log| log.input(at, &input));
+        at
     }
 
     fn in_log(&mut self, write: impl FnOnce(&mut ByteLog) -> io::Result<()>) {
@@ -363,18 +373,20 @@ impl LinkTask {
         }
     }
 
-    fn set_live(&mut self) {
-        self.note_down(Input::Live);
+    fn set_live(&mut self) -> Timestamp {
+        let at = self.note_down(Input::Live);
         self.engine.set_live();
+        at
     }
 
-    fn call(&mut self, call: Call) {
+    fn call(&mut self, call: Call) -> Timestamp {
         match call {
             Call::Live => self.set_live(),
             Call::Request(request, done) => {
-                self.note_down(Input::Request(request.clone()));
+                let at = self.note_down(Input::Request(request.clone()));
                 let ticket = self.engine.submit(request);
                 self.waiting.insert(ticket, done);
+                at
             }
         }
     }

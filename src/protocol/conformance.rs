@@ -34,6 +34,8 @@ pub struct Case {
     pub what: String,
     /// Of a dialogue the turn that went otherwise, from 1.
     pub turn: Option<usize>,
+    /// Of a vector the key that does not hold, such as `tx` or `fields.value`.
+    pub part: Option<String>,
     /// What differs; `None` when it holds.
     pub failure: Option<String>,
 }
@@ -42,7 +44,10 @@ impl Case {
     /// Its key in the file, e.g. `vector[2]` or `dialogue[0].turns[3]`.
     pub fn key(&self) -> String {
         match (self.kind, self.turn) {
-            (CaseKind::Vector, _) => format!("vector[{}]", self.number - 1),
+            (CaseKind::Vector, _) => {
+                let part = self.part.as_ref().map(|part| format!(".{part}")).unwrap_or_default();
+                format!("vector[{}]{part}", self.number - 1)
+            }
             (CaseKind::Dialogue, None | Some(0)) => format!("dialogue[{}]", self.number - 1),
             (CaseKind::Dialogue, Some(turn)) => format!("dialogue[{}].turns[{}]", self.number - 1, turn - 1),
         }
@@ -80,6 +85,7 @@ pub fn check(spec: &Arc<Spec>) -> Conformance {
             number: i + 1,
             what: dialogue.name.clone(),
             turn: held.as_ref().err().map(|(turn, _)| *turn),
+            part: None,
             failure: held.err().map(|(_, message)| message),
         });
     }
@@ -132,8 +138,8 @@ pub fn check_vectors(spec: &Arc<Spec>) -> Conformance {
         let (sign, name) = if vector.tx.is_some() { ('>', &vector.cmd) } else { ('<', &vector.class) };
         let result = if vector.tx.is_some() { check_tx(spec, vector) } else { check_rx(spec, vector) };
         let what = format!("{sign} {}", name.as_deref().unwrap_or("(any class)"));
-        let (turn, failure) = (None, result.err());
-        cases.push(Case { kind: CaseKind::Vector, number: i + 1, what, turn, failure });
+        let (part, failure) = result.err().unzip();
+        cases.push(Case { kind: CaseKind::Vector, number: i + 1, what, turn: None, part, failure });
     }
     let shown = |name: &str| {
         spec.vector.iter().any(|v| v.cmd.as_deref() == Some(name) || v.class.as_deref() == Some(name))
@@ -144,20 +150,25 @@ pub fn check_vectors(spec: &Arc<Spec>) -> Conformance {
     Conformance { cases, untested }
 }
 
-fn check_tx(spec: &Spec, vector: &Vector) -> Result<(), String> {
+/// The key of a vector that does not hold, and why.
+type Wrong = (String, String);
+
+fn check_tx(spec: &Spec, vector: &Vector) -> Result<(), Wrong> {
+    let wrong = |part: &str, why: String| (part.to_owned(), why);
     let (Some(cmd), Some(want)) = (&vector.cmd, &vector.tx) else {
-        return Err("cmd and tx are needed together".to_owned());
+        return Err(wrong("tx", "cmd and tx are needed together".to_owned()));
     };
-    let got = encode(spec, cmd, &vector.args, vector.number).map_err(|e| e.to_string())?;
+    let got = encode(spec, cmd, &vector.args, vector.number).map_err(|e| wrong("cmd", e.to_string()))?;
     if got == want.0 {
         Ok(())
     } else {
-        Err(format!("bytes are {}, the file says {}", show(&got), show(&want.0)))
+        Err(wrong("tx", format!("bytes are {}, the file says {}", show(&got), show(&want.0))))
     }
 }
 
-fn check_rx(spec: &Arc<Spec>, vector: &Vector) -> Result<(), String> {
-    let bytes = vector.rx.as_ref().ok_or("rx is needed")?;
+fn check_rx(spec: &Arc<Spec>, vector: &Vector) -> Result<(), Wrong> {
+    let wrong = |part: &str, why: String| (part.to_owned(), why);
+    let bytes = vector.rx.as_ref().ok_or_else(|| wrong("class", "rx is needed".to_owned()))?;
     let mut deframer = Deframer::new(spec.clone());
     let mut input = bytes.0.clone();
     if let Some(line) = spec.line.as_ref().filter(|l| !input.ends_with(&l.rx_eol.0)) {
@@ -165,27 +176,43 @@ fn check_rx(spec: &Arc<Spec>, vector: &Vector) -> Result<(), String> {
     }
     let units = deframer.push(&input, Timestamp(0));
     let [unit] = &units[..] else {
-        return Err(format!("{} is {} units, not one", show(&input), units.len()));
+        return Err(wrong("rx", format!("{} is {} units, not one", show(&input), units.len())));
     };
     if let Unit::Garbled(_) = unit {
-        return Err(format!("{} has a wrong checksum or length", show(&input)));
+        return Err(wrong("rx", format!("{} has a wrong checksum or length", show(&input))));
     }
     let awaited: Vec<&str> = vector.after.iter().map(String::as_str).collect();
     let replies = classify(spec, unit, &awaited);
-    let reply = replies.last().ok_or_else(|| format!("no class recognises {}", show(&input)))?;
+    let reply = replies.last().ok_or_else(|| wrong("rx", format!("no class recognises {}", show(&input))))?;
     if let Some(class) = vector.class.as_ref().filter(|c| **c != reply.class) {
-        return Err(format!("class is {}, the file says {class}", reply.class));
+        return Err(wrong("class", format!("class is {}, the file says {class}", reply.class)));
     }
     for (name, want) in &vector.fields {
+        let at = format!("fields.{name}");
         match reply.fields.get(name) {
             Some(got) if got.same(want) => {}
-            Some(got) => return Err(format!("field {name} is {got:?}, the file says {want:?}")),
-            None => return Err(format!("there is no field {name}; there are {:?}", reply.fields)),
+            Some(got) => {
+                return Err((
+                    at,
+                    format!("field {name} is {}, the file says {}", got.to_text(), want.to_text()),
+                ));
+            }
+            None => {
+                let there: Vec<String> = reply
+                    .fields
+                    .iter()
+                    .map(|(name, value)| format!("{name} = {}", value.to_text()))
+                    .collect();
+                return Err((at, format!("there is no field {name}; there are: {}", there.join(", "))));
+            }
         }
     }
     let state = state_of(spec, &reply.fields).map(|(s, _)| s);
     match vector.state {
-        Some(want) if state != Some(want) => Err(format!("state is {state:?}, the file says {want:?}")),
+        Some(want) if state != Some(want) => {
+            let is = state.map_or_else(|| "none that [state] knows".to_owned(), |s| s.word().to_owned());
+            Err(wrong("state", format!("state is {is}, the file says {}", want.word())))
+        }
         _ => Ok(()),
     }
 }
@@ -256,7 +283,26 @@ pub(crate) mod tests {
         spec.vector[0].tx = Some(crate::protocol::Bytes(b"$J=G90\n".to_vec()));
         let report = check_vectors(&Arc::new(spec));
         let failures: Vec<&Case> = report.failures().collect();
-        assert_eq!((failures.len(), failures[0].key()), (1, "vector[0]".to_owned()));
+        assert_eq!((failures.len(), failures[0].key()), (1, "vector[0].tx".to_owned()));
         assert!(failures[0].failure.as_ref().unwrap().contains("G21"));
+    }
+
+    #[test]
+    fn a_wrong_field_and_a_wrong_state_are_pointed_at_in_words() {
+        let mut spec = (*shipped("newport_smc100")).clone();
+        let at = |class: &str| spec.vector.iter().position(|v| v.class.as_deref() == Some(class)).unwrap();
+        let (position, status) = (at("position"), at("status"));
+        spec.vector[position].fields.insert("value".to_owned(), crate::protocol::Value::Num(6.0));
+        spec.vector[status].state = Some(crate::protocol::spec::MotionState::Moving);
+        let report = check_vectors(&Arc::new(spec));
+        let told: Vec<(String, &str)> =
+            report.failures().map(|c| (c.key(), c.failure.as_deref().unwrap())).collect();
+        assert_eq!(
+            told,
+            [
+                (format!("vector[{position}].fields.value"), "field value is 5.000, the file says 6"),
+                (format!("vector[{status}].state"), "state is idle, the file says moving"),
+            ]
+        );
     }
 }

@@ -310,6 +310,21 @@ pub enum RuleState {
     Idle,
 }
 
+impl RuleState {
+    /// All of them, with the words that files use.
+    pub const ALL: [(RuleState, &str); 4] = [
+        (RuleState::Unreferenced, "unreferenced"),
+        (RuleState::Homing, "homing"),
+        (RuleState::Moving, "moving"),
+        (RuleState::Idle, "idle"),
+    ];
+
+    /// The word for it in protocol files.
+    pub fn word(self) -> &'static str {
+        Self::ALL.into_iter().find(|(state, _)| *state == self).map_or("", |(_, word)| word)
+    }
+}
+
 /// What a rule may do; a text names a group of its pattern.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -254,10 +254,14 @@ fn figure(title: &str, caption: &str, x_axis: &str, series: &[Series]) -> String
     wrap(title, caption, draw(&mut svg).map(|()| svg))
 }
 
+/// A plot of values that do not spread is so wide nevertheless, on either side of them: nothing here means anything
+/// below a thousandth, and ticks that are closer could not be told apart.
+const LEAST_MARGIN: f64 = 1e-3;
+
 /// A little more than the range of the values.
 fn limits(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-    let margin = ((high - low) * 0.06).max(high.abs() * 1e-3).max(1e-6);
+    let margin = ((high - low) * 0.06).max(high.abs() * 1e-3).max(LEAST_MARGIN);
     (low - margin, high + margin)
 }
 
@@ -286,5 +290,23 @@ fn wrap(title: &str, caption: &str, svg: Result<String, Box<dyn std::error::Erro
             "<figure><b>{title}</b><figcaption class=\"bad\">{}</figcaption></figure>\n",
             escape(&why.to_string())
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_of_values_without_spread_are_told_apart() {
+        for values in [&[0.0, 0.0][..], &[3.0], &[-2e5, -2e5], &[1e-9, 2e-9], &[0.0, 10.0], &[163.2, 163.9]] {
+            let (low, high) = limits(values.iter().copied());
+            // Never more than ten of them, as plotters puts them.
+            let ticks: Vec<String> =
+                (0..=10).map(|i| tidy(low + (high - low) * f64::from(i) / 10.0, high - low)).collect();
+            let mut distinct = ticks.clone();
+            distinct.dedup();
+            assert_eq!(ticks, distinct, "{values:?}");
+        }
     }
 }

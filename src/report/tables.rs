@@ -7,7 +7,7 @@ use crate::image::bootstrap::{Interval, grouped_mean_interval};
 use crate::motion::Primitive;
 
 /// Draws of the bootstrap; its seed is fixed, so that a report can be made again.
-const RESAMPLES: usize = 2000;
+pub(super) const RESAMPLES: usize = 2000;
 
 type Pick = fn(ImageScores) -> f64;
 

@@ -25,7 +25,7 @@ fn assert_well_formed(html: &str) {
 fn the_report_is_one_self_contained_page_with_every_capture() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path(), 10, 0.0);
-    let path = write(&dataset).unwrap();
+    let Written { path, numbers } = write(&dataset).unwrap();
     let html = std::fs::read_to_string(&path).unwrap();
     assert_well_formed(&html);
     for capture in 0..10 {
@@ -33,6 +33,21 @@ fn the_report_is_one_self_contained_page_with_every_capture() {
     }
     assert!(html.contains("The real side is virtual") && html.contains("null predictor"));
     assert!(html.contains("10 / 10"));
+    // What scripts read is what the page shows.
+    assert_eq!((numbers.planned, numbers.real, numbers.simulated, numbers.compared), (10, 10, 10, 10));
+    assert!(numbers.refused.is_empty() && numbers.real_is_virtual);
+    let all = |score| {
+        numbers.scores.iter().find(|s| s.indenter.is_none() && s.place == "whole" && s.score == score)
+    };
+    let (psnr, ssim) = (all("psnr_db").unwrap(), all("ssim").unwrap());
+    assert_eq!((psnr.captures, ssim.captures), (10, 10));
+    for shown in [
+        format!("<td>{:.2}</td>", psnr.simulation.unwrap()),
+        format!("<td>{:.4}</td>", ssim.simulation.unwrap()),
+    ] {
+        assert!(html.contains(&shown), "{shown}");
+    }
+    assert!(numbers.scores.iter().any(|s| s.indenter.as_deref() == Some("sphere") && s.place == "contact"));
     // Nothing is fetched from anywhere: the only address is that of the SVG name space.
     let addresses: BTreeSet<&str> =
         html.match_indices("http").map(|(i, _)| html[i..].split('"').next().unwrap()).collect();
@@ -50,15 +65,15 @@ fn the_report_is_one_self_contained_page_with_every_capture() {
 fn the_same_dataset_gives_the_same_page() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path(), 4, 0.0);
-    let first = std::fs::read(write(&dataset).unwrap()).unwrap();
-    assert_eq!(first, std::fs::read(write(&dataset).unwrap()).unwrap());
+    let first = std::fs::read(write(&dataset).unwrap().path).unwrap();
+    assert_eq!(first, std::fs::read(write(&dataset).unwrap().path).unwrap());
 }
 
 #[test]
 fn an_empty_dataset_has_a_report_too() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path(), 0, 0.0);
-    let html = std::fs::read_to_string(write(&dataset).unwrap()).unwrap();
+    let html = std::fs::read_to_string(write(&dataset).unwrap().path).unwrap();
     assert_well_formed(&html);
     assert!(html.contains("Nothing was captured"));
 }
@@ -68,7 +83,7 @@ fn a_broken_picture_is_named_and_the_rest_is_shown() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path(), 3, 0.0);
     std::fs::write(folder.path().join("data/train/sim/000001.png"), b"torn").unwrap();
-    let html = std::fs::read_to_string(write(&dataset).unwrap()).unwrap();
+    let html = std::fs::read_to_string(write(&dataset).unwrap().path).unwrap();
     assert_well_formed(&html);
     assert!(html.contains("Could not be compared") && html.contains("capture 1: "));
     assert!(html.contains("#2 · sphere"));

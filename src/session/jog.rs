@@ -79,6 +79,10 @@ pub enum Doing {
 const PIECE: Duration = Duration::from_millis(80);
 /// The next piece is sent when this much of the one before is left.
 const AHEAD: Duration = Duration::from_millis(50);
+/// Asking a device where it is takes about half of this.
+const TIME_TO_ASK: Duration = Duration::from_millis(20);
+/// A repeat that comes at the last instant still counts.
+const JUST_AFTER: Duration = Duration::from_millis(1);
 /// How often a bench at rest is asked where it is.
 const LOOK: Duration = Duration::from_millis(250);
 
@@ -158,7 +162,7 @@ impl<'a> Jog<'a> {
 
     /// One step, or as much of it as the limits leave.
     async fn step(&mut self, direction: Direction) -> Result<(), BenchError> {
-        let (from, _) = self.bench.measured().await?;
+        let from = self.measured().await?;
         let here = direction.coordinate.of(&from);
         let size = match direction.coordinate {
             Coordinate::Theta => self.pace.step_deg,
@@ -176,7 +180,7 @@ impl<'a> Jog<'a> {
 
     /// Moves while the key is held, piece after piece, and comes to rest.
     async fn glide(&mut self, direction: Direction) -> Result<(), BenchError> {
-        let (from, _) = self.bench.measured().await?;
+        let from = self.measured().await?;
         let role = match self.bench.map.role(direction.coordinate) {
             Some(role) => role.clone(),
             None => {
@@ -203,26 +207,51 @@ impl<'a> Jog<'a> {
             let next = at + direction.sign() * length;
             at = if direction.positive { next.min(end) } else { next.max(end) };
             let mover = self.bench.movers.get_mut(&role.device).expect("a role names a device of the rig");
-            sent = mover.glide(&role.axis, role.to_axis(at), feed).await;
+            let piece = mover.glide(&role.axis, role.to_axis(at), feed);
+            let ending;
+            (sent, ending) =
+                attended(piece, &mut self.wishes, &mut self.hold, &mut self.pace, &self.stops).await;
+            self.ending |= ending;
             if sent.is_err() {
                 break;
             }
             until = until.max(Instant::now()) + PIECE;
-            // Listen until the next piece is due.
-            while let Some(early) = (until - AHEAD).checked_duration_since(Instant::now()) {
+            // Whoever watches sees where it is on the way, as long as that keeps no piece waiting.
+            if (until - AHEAD).saturating_duration_since(Instant::now()) >= TIME_TO_ASK {
+                let asked = mover.position();
+                let (told, ending) =
+                    attended(asked, &mut self.wishes, &mut self.hold, &mut self.pace, &self.stops).await;
+                self.ending |= ending;
+                if let Err(e) = told {
+                    sent = Err(e);
+                    break;
+                }
+            }
+            // Listen until the next piece is due, or nobody wants one any more.
+            while self.hold.gliding(Instant::now()) == Some(direction) {
+                let due = until - AHEAD;
+                if due <= Instant::now() {
+                    break;
+                }
+                let silence = self.hold.heard_until().map_or(due, |at| at + JUST_AFTER);
                 tokio::select! {
                     wish = self.wishes.recv() => {
                         self.ending |= take(wish, &mut self.hold, &mut self.pace, &self.stops);
                     }
-                    () = tokio::time::sleep(early) => break,
-                }
-                if self.hold.gliding(Instant::now()) != Some(direction) {
-                    break;
+                    () = tokio::time::sleep_until(due.min(silence)) => {}
                 }
             }
         }
         let mover = self.bench.movers.get_mut(&role.device).expect("a role names a device of the rig");
-        let ended = mover.end_glide().await;
+        // Between two pieces a stop ends no request, and yet it is what happened.
+        let stopped = mover.stop_handle().is_stopped();
+        let rest = mover.end_glide();
+        let (ended, ending) =
+            attended(rest, &mut self.wishes, &mut self.hold, &mut self.pace, &self.stops).await;
+        self.ending |= ending;
+        if stopped && sent.is_ok() && ended.is_ok() {
+            self.say_stopped();
+        }
         if at == end {
             self.say(format!("{} is at its limit", direction.coordinate.name()));
             // A key that is still held does not begin again from here.
@@ -272,15 +301,37 @@ impl<'a> Jog<'a> {
         Feeds { mm_s: feeds.mm_s.min(fastest), deg_s: feeds.deg_s.min(fastest) }
     }
 
+    /// Where the indenter is. A device that keeps everybody waiting keeps no stop waiting.
+    async fn measured(&mut self) -> Result<Pose, BenchError> {
+        let Jog { bench, wishes, hold, pace, stops, .. } = self;
+        let (measured, ending) = attended(bench.measured(), wishes, hold, pace, stops).await;
+        self.ending |= ending;
+        measured.map(|(pose, _)| pose)
+    }
+
     async fn look(&mut self) -> Result<(), BenchError> {
-        match self.bench.measured().await {
+        // The bench is at rest: a wish to home it is for after the look.
+        let mut homes = false;
+        let Jog { bench, wishes, hold, pace, stops, ending, .. } = self;
+        let mut measuring = Box::pin(bench.measured());
+        let measured = loop {
+            tokio::select! {
+                measured = &mut measuring => break measured,
+                wish = wishes.recv(), if !*ending => {
+                    homes |= wish == Some(Wish::Home);
+                    *ending |= take(wish, hold, pace, stops);
+                }
+            }
+        };
+        drop(measuring);
+        match measured {
             Ok((pose, _)) => {
                 let is_referenced = self.bench.is_referenced();
                 self.view.send_modify(|v| (v.pose, v.is_referenced) = (Some(pose), is_referenced));
-                Ok(())
             }
-            Err(e) => self.judge(Err(e)),
+            Err(e) => self.judge(Err(e))?,
         }
+        if homes && !self.ending { self.fulfil(Some(Wish::Home)).await } else { Ok(()) }
     }
 
     /// What a motion's end means: a refusal or a stop is told, a lost link ends the jogging.
@@ -297,8 +348,7 @@ impl<'a> Jog<'a> {
                 Err(error)
             }
             BenchError::Mover { source, .. } if source.is_stop() => {
-                let home = if is_referenced { "" } else { "; press h to home" };
-                self.say(format!("stopped{home}"));
+                self.say_stopped();
                 Ok(())
             }
             _ => {
@@ -310,6 +360,11 @@ impl<'a> Jog<'a> {
 
     fn doing(&self, doing: Doing) {
         self.view.send_if_modified(|v| std::mem::replace(&mut v.doing, doing) != doing);
+    }
+
+    fn say_stopped(&self) {
+        let home = if self.bench.is_referenced() { "" } else { "; press h to home" };
+        self.say(format!("stopped{home}"));
     }
 
     fn say(&self, text: String) {

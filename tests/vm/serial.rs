@@ -33,21 +33,23 @@ fn spec() -> Arc<Spec> {
     twinrig::config::protocol("grbl").expect("the shipped protocol")
 }
 
+/// A rail on a GRBL.
+const SETTINGS: &str = r#"
+    protocol = "grbl"
+    port = "/dev/ttyUSB0"
+    settle_ms = 20
+    [axes.slide]
+    wire = "X"
+    kind = "linear"
+    min = -60.0
+    max = -1.0
+    max_feed = 20.0
+    accel = 200.0
+    tolerance = 0.02
+"#;
+
 fn settings() -> MoverSettings {
-    let text = r#"
-        protocol = "grbl"
-        port = "/dev/ttyUSB0"
-        settle_ms = 20
-        [axes.slide]
-        wire = "X"
-        kind = "linear"
-        min = -60.0
-        max = -1.0
-        max_feed = 20.0
-        accel = 200.0
-        tolerance = 0.02
-    "#;
-    toml::from_str(text).expect("settings")
+    toml::from_str(SETTINGS).expect("settings")
 }
 
 /// A controller on the far end of a cable, until the handle is aborted.
@@ -177,4 +179,34 @@ async fn an_adapter_pulled_out_in_mid_move_loses_trust_at_once_and_is_homed_when
     mover.move_to(&[("slide", -6.0)], 20.0).await.expect("moves again");
     serving.abort();
     _ = serving.await;
+}
+
+/// Whether the 16550's driver holds DTR up.
+fn dtr_is_up(port: &str) -> bool {
+    let number = port.trim_start_matches("/dev/ttyS");
+    let text = std::fs::read_to_string("/proc/tty/driver/serial").expect("the driver tells");
+    let line = text.lines().find(|l| l.trim_start().starts_with(&format!("{number}:"))).expect("the port");
+    line.contains("DTR")
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn dtr_follows_the_policy_and_is_not_dropped_when_the_port_is_closed() {
+    let _alone = alone();
+    let near = CABLE.0;
+    let open = |policy: &str| {
+        let text = format!("dtr = \"{policy}\"\n{}", SETTINGS);
+        let settings: MoverSettings = toml::from_str(&text).expect("settings");
+        port::open(Path::new(near), &spec(), &settings).unwrap_or_else(|e| panic!("{policy}: {e}"))
+    };
+    for (policy, up) in [("high", true), ("low", false), ("pulse", true)] {
+        let opened = open(policy);
+        assert_eq!(dtr_is_up(near), up, "{policy}");
+        drop(opened);
+        assert_eq!(dtr_is_up(near), up, "{policy}, closed: the board behind it would reset");
+    }
+    // Left as it is: neither opening nor closing makes an edge.
+    let opened = open("leave");
+    assert!(dtr_is_up(near));
+    drop(opened);
+    assert!(dtr_is_up(near));
 }

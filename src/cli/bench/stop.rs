@@ -23,8 +23,8 @@ use witness::{Fault, Witness};
 #[command(after_help = "Examples:\n  twinrig bench stop\n  twinrig bench stop --stops 500 --json")]
 pub struct Args {
     /// Stops for each of the three states of the ports
-    #[arg(long, default_value_t = 200)]
-    pub stops: usize,
+    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub stops: u32,
     /// Rig file whose arm and stage are used
     #[arg(long, default_value = "rig_configs/virtual.toml")]
     pub rig: PathBuf,
@@ -72,7 +72,7 @@ impl Args {
         for fault in [Fault::None, Fault::Mute, Fault::Gone] {
             screen::note(format_args!("{}: {} stops ...", fault.words(), self.stops));
             let measured = match Witness::start(&self, fault).await {
-                Ok(witness) => witness.measure(self.stops).await,
+                Ok(witness) => witness.measure(self.stops as usize).await,
                 Err(e) => Err(e),
             };
             match measured {

@@ -67,7 +67,7 @@ impl std::fmt::Display for CameraListing {
         if let Some(problem) = &self.problem {
             write!(f, "\n    {problem}")?;
         }
-        for mode in &self.modes {
+        for mode in self.modes.iter().filter(|mode| mode.decodable) {
             write!(f, "\n    {} {}x{}", mode.fourcc, mode.width, mode.height)?;
             if let Some([width, height]) = mode.up_to {
                 write!(f, " to {width}x{height}")?;
@@ -76,9 +76,12 @@ impl std::fmt::Display for CameraListing {
             if !rates.is_empty() {
                 write!(f, " at {} /s", rates.join(", "))?;
             }
-            if !mode.decodable {
-                write!(f, " (cannot be decoded)")?;
-            }
+        }
+        let mut others: Vec<&str> =
+            self.modes.iter().filter(|mode| !mode.decodable).map(|mode| mode.fourcc.trim()).collect();
+        others.dedup();
+        if !others.is_empty() {
+            write!(f, "\n    not decoded by this program: {}", others.join(" "))?;
         }
         for control in &self.controls {
             let value = control.value.map_or_else(|| "?".to_owned(), |v| v.to_string());
@@ -100,4 +103,39 @@ pub fn list() -> Vec<CameraListing> {
     return super::nokhwa::list();
     #[allow(unreachable_code)]
     Vec::new()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_can_be_chosen_is_listed_in_full_and_the_rest_in_a_line() {
+        let mode = |fourcc: &str, decodable, width| CameraMode {
+            fourcc: fourcc.into(),
+            decodable,
+            width,
+            height: 480,
+            up_to: None,
+            frames_per_second: vec![15.0, 30.0],
+        };
+        let modes = vec![
+            mode("YUYV", true, 640),
+            mode("H264", false, 640),
+            mode("H264", false, 320),
+            mode("Y10 ", false, 640),
+        ];
+        let listing = CameraListing {
+            source: "v4l".into(),
+            device: "/dev/video0".into(),
+            node: "/dev/video0".into(),
+            name: "vivid".into(),
+            driver: "vivid".into(),
+            modes,
+            controls: vec![],
+            problem: None,
+        };
+        let lines: Vec<String> = listing.to_string().lines().map(|l| l.trim().to_owned()).collect();
+        assert_eq!(lines[1..], ["YUYV 640x480 at 15, 30 /s", "not decoded by this program: H264 Y10"]);
+    }
 }

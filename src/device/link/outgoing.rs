@@ -102,7 +102,7 @@ mod tests {
     use crate::protocol::conformance::tests::shipped;
 
     #[test]
-    fn urgent_bytes_wait_for_the_end_of_a_line_that_has_begun_and_a_stop_drops_the_rest() {
+    fn pitfall_27_urgent_bytes_wait_for_the_end_of_a_line_that_has_begun_and_for_nothing_else() {
         let mut out = Outgoing::new(shipped("grbl"));
         out.push(b"G1 X1\nG1 X2\n".to_vec());
         assert_eq!(out.wrote(2), b"G1");

@@ -52,7 +52,11 @@ fn settings(device: usize) -> MoverSettings {
 
 /// The log of a session: connect, home, two moves, a stop in the third; under these faults.
 async fn recorded(device: usize, faults: FaultPlan) -> String {
-    let (settings, clock) = (settings(device), Clock::real_time());
+    recorded_at(device, faults, Clock::real_time()).await
+}
+
+async fn recorded_at(device: usize, faults: FaultPlan, clock: Clock) -> String {
+    let settings = settings(device);
     let spec = shipped(&settings.protocol);
     let (options, world, now) = (EmulatorOptions::default(), World::without_pad(), clock.now());
     let table = spec.emulator.as_ref().unwrap();
@@ -96,6 +100,57 @@ fn what_was_recorded_is_lived_through_without_a_difference() {
         let sent = story.steps.iter().filter(|s| matches!(s.told, Told::Sent { .. })).count();
         assert!(sent > 12, "{protocol}: {sent}");
     }
+}
+
+/// Where time passes between an input and what the engine does about it, the engine must have been called at the
+/// instant that the log tells, or what was due in between differs.
+#[test]
+fn so_is_what_was_recorded_while_time_went_by() {
+    let runtime = || tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
+    for (device, (protocol, ..)) in DEVICES.iter().enumerate() {
+        let log = runtime().block_on(recorded_at(device, FaultPlan::none(), Clock::with_speed(40.0)));
+        let story = replay(&log, &shipped(protocol)).unwrap();
+        assert_eq!(story.difference, None, "{protocol}:\n{log}");
+        assert!(story.judged && story.requests >= 3, "{protocol}: {}", story.requests);
+    }
+}
+
+/// What failed in the field: each log of `tests/field/` is lived through, and must be told as on record beside it
+/// (written anew where TWINRIG_ACCEPT is set, for whoever meant to change it).
+#[test]
+fn what_failed_in_the_field_ends_as_on_record() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/field");
+    let mut logs: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|e| e.unwrap().path()).collect();
+    logs.retain(|path| path.extension().is_some_and(|e| e == "log"));
+    assert!(!logs.is_empty());
+    for path in logs {
+        let text = std::fs::read_to_string(&path).unwrap();
+        let story = replay(&text, &shipped(&header(&text).unwrap().protocol)).unwrap();
+        let told = told(&story);
+        let record = path.with_extension("txt");
+        if std::env::var_os("TWINRIG_ACCEPT").is_some() {
+            std::fs::write(&record, &told).unwrap();
+        }
+        assert_eq!(std::fs::read_to_string(&record).unwrap_or_default(), told, "{}", path.display());
+    }
+}
+
+/// Requests, their ends, stops and conclusions, and the first difference; not the bytes between them.
+fn told(story: &Story) -> String {
+    let mut lines: Vec<String> = Vec::new();
+    for step in &story.steps {
+        lines.push(match &step.told {
+            Told::Asked { request, what } => format!("? {request} {what}"),
+            Told::Ended { request, how } => format!("= {request} {how}"),
+            Told::Stopped { how } => format!("* stop {how}"),
+            Told::StopSent { bytes } => format!("! {bytes}"),
+            Told::Lost { why } => format!("* lost: {why}"),
+            Told::Remark { text } => format!("# {text}"),
+            Told::Sent { .. } | Told::Received { .. } => continue,
+        });
+    }
+    lines.extend(story.difference.as_ref().map(|d| format!("differs: {} | {}", d.log, d.engine)));
+    lines.join("\n") + "\n"
 }
 
 #[test]

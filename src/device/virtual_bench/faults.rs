@@ -33,6 +33,39 @@ pub enum Trigger {
     After(Duration),
 }
 
+impl Fault {
+    /// How a fault is written: `lose@reply:12`, `reset@byte:900`, `unplug@3.5s`.
+    pub const NOTATION: &str = "KIND@reply:N, KIND@byte:N or KIND@SECONDSs";
+}
+
+impl std::str::FromStr for Fault {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Fault, String> {
+        let kinds = FaultKind::all();
+        let names = || {
+            let mut names: Vec<&str> = kinds.iter().map(FaultKind::name).collect();
+            names.dedup();
+            names.join(", ")
+        };
+        let place = "reply:N or byte:N (from 0, among all that is replied), or 3.5s after it is switched on";
+        let wrong = |what: String| {
+            format!("{what}; write {} with KIND one of {} and a place: {place}", Fault::NOTATION, names())
+        };
+        let (kind, at) =
+            text.split_once('@').ok_or_else(|| wrong("a fault has a kind and a place".to_owned()))?;
+        let what = kinds.iter().find(|k| k.name() == kind).cloned();
+        let what = what.ok_or_else(|| wrong(format!("there is no fault {kind:?}")))?;
+        let seconds = || at.strip_suffix('s')?.parse().ok().and_then(|s| Duration::try_from_secs_f64(s).ok());
+        let at = match at.split_once(':') {
+            Some(("reply", n)) => n.parse().ok().map(Trigger::Reply),
+            Some(("byte", n)) => n.parse().ok().map(Trigger::ReplyByte),
+            _ => seconds().map(Trigger::After),
+        };
+        Ok(Fault { at: at.ok_or_else(|| wrong(format!("{text:?} strikes nowhere")))?, what })
+    }
+}
+
 /// What goes wrong. The first group spoils the reply that the trigger chose; with
 /// [`Trigger::After`] it is the first reply after that instant.
 #[derive(Debug, Clone, PartialEq)]
@@ -420,6 +453,18 @@ mod tests {
 
     fn bytes(reads: &[(u64, Vec<u8>)]) -> Vec<u8> {
         reads.iter().flat_map(|(_, r)| r.clone()).collect()
+    }
+
+    #[test]
+    fn faults_are_read_as_they_are_written_and_what_is_none_is_refused_with_the_way_to_write_one() {
+        let read = |text: &str| text.parse::<Fault>();
+        assert_eq!(read("lose@reply:12"), Ok(Fault { at: Trigger::Reply(12), what: FaultKind::Lose }));
+        assert_eq!(read("reset@byte:900").unwrap().at, Trigger::ReplyByte(900));
+        assert_eq!(read("unplug@3.5s").unwrap().at, Trigger::After(Duration::from_millis(3500)));
+        for wrong in ["lose", "loose@reply:1", "lose@reply:x", "lose@-1s", "lose@", "@reply:1", "lose@nans"] {
+            let why = read(wrong).unwrap_err();
+            assert!(why.contains("reply:N") && why.contains("swallow_request"), "{wrong}: {why}");
+        }
     }
 
     #[test]

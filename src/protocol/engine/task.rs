@@ -445,15 +445,7 @@ impl Engine {
 
     fn is_state(&self, word: &str, state: MotionState) -> bool {
         let (name, sub) = word.split_once(':').map_or((word, None), |(n, s)| (n, Some(s)));
-        let names = match state {
-            MotionState::Idle => "idle",
-            MotionState::Moving => "moving",
-            MotionState::Homing => "homing",
-            MotionState::Hold => "hold",
-            MotionState::Alarm => "alarm",
-            MotionState::Off => "off",
-        };
-        name == names && sub.is_none_or(|s| self.sub_state.as_deref() == Some(s))
+        name == state.word() && sub.is_none_or(|s| self.sub_state.as_deref() == Some(s))
     }
 }
 

@@ -188,8 +188,17 @@ fn pitfall_05_an_ok_on_an_error_line_does_not_accept_it() {
     let mut b = Bench::marlin();
     let t = b.engine.stream("raw", [("text".to_owned(), Value::from("foo"))].into());
     assert_eq!(b.out(), "N2 foo*58\n");
-    b.say("echo:Unknown command: \"foo\"\nok\n");
+    let next = b.engine.stream("raw", [("text".to_owned(), Value::from("M105"))].into());
+    // The line is refused, but not done with: its ok is still to come, and is nobody else's.
+    b.say("echo:Unknown command: \"foo\"\n");
+    assert_eq!(b.out(), "", "nothing is sent into the refusal");
+    assert!(b.finished(t).is_none());
+    b.say("ok\n");
+    assert!(b.out().starts_with("N3 M105*"));
     assert!(matches!(b.finished(t), Some(Err(Failure::Refused { .. }))));
+    assert!(b.finished(next).is_none(), "the ok of the refused line has not accepted this one");
+    b.say("ok\n");
+    assert!(matches!(b.finished(next), Some(Ok(_))));
 }
 
 #[test]
@@ -295,6 +304,10 @@ fn pitfall_18_boot_noise_is_not_text() {
     b.engine.receive(b"\xff\xfe\x80garbage\x00\xf0Grbl 1.1h ['$' for help]\r\n", b.now);
     b.out();
     assert_eq!(b.engine.banner(), Some("Grbl 1.1h ['$' for help]"));
+    // Nor is a whole line of it.
+    b.engine.receive(b"\x00\xff\xc3(\r\n", b.now);
+    b.out();
+    assert!(b.noted("unknown reply") && b.engine.strange().is_some());
 }
 
 #[test]

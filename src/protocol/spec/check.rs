@@ -3,6 +3,7 @@
 //! Everything is found at once. Paths are those of the file (`rx[2].code`), so that whoever has the text
 //! can name the line.
 
+mod emulation;
 mod steps;
 
 use super::*;
@@ -23,6 +24,7 @@ pub(super) fn check(spec: &Spec, problems: &mut Problems) {
     check.faults();
     check.dialogues();
     check.vectors();
+    check.emulation();
 }
 
 /// Fields of a move beside those of the axis: what the engine fills in for `[motion] move`.

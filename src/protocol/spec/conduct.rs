@@ -21,6 +21,20 @@ pub enum MotionState {
     Off,
 }
 
+impl MotionState {
+    /// The word for it in protocol files.
+    pub fn word(self) -> &'static str {
+        match self {
+            MotionState::Idle => "idle",
+            MotionState::Moving => "moving",
+            MotionState::Homing => "homing",
+            MotionState::Hold => "hold",
+            MotionState::Alarm => "alarm",
+            MotionState::Off => "off",
+        }
+    }
+}
+
 /// `[state]`: from the device's words to ours.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]

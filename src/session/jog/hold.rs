@@ -98,6 +98,11 @@ impl Hold {
         self.key.as_ref().filter(|key| alive(key)).map(|key| key.direction)
     }
 
+    /// When the key that is held will count as let go unless it is heard of again.
+    pub fn heard_until(&self) -> Option<Instant> {
+        self.key.as_ref().filter(|key| key.repeats).map(|key| key.last + DEAD_MAN)
+    }
+
     /// The step that is due, once.
     pub fn take_step(&mut self) -> Option<Direction> {
         self.step.take()
@@ -144,6 +149,7 @@ mod tests {
         hold.take(Touch::Repeat(RIGHT), t + ms(500));
         assert_eq!(hold.gliding(t + ms(500)), Some(RIGHT));
         hold.take(Touch::Repeat(RIGHT), t + ms(530));
+        assert_eq!(hold.heard_until(), Some(t + ms(680)));
         assert_eq!(hold.gliding(t + ms(680)), Some(RIGHT));
         assert_eq!(hold.gliding(t + ms(681)), None, "the dead-man's time is up");
         hold.take(Touch::Repeat(RIGHT), t + ms(900));

@@ -2,10 +2,11 @@
 //!
 //! A rule is a pattern for a line, the states in which it is allowed, verbs of a closed set that it
 //! performs, and a reply with placeholders. The group `axis` of the pattern names the axis by its
-//! wire name (without it: the only axis). What is refused leaves an error behind, which a reply
-//! shows as `{error}` and so clears.
+//! wire name. A line without it is for all axes: every one performs it, `{error}` is the first that any of them has,
+//! and the other placeholders are the first axis's. What is refused leaves an error behind, which a reply shows as
+//! `{error}` and so clears.
 //!
-//! Placeholders of a reply: `{axis}`, `{position}`, `{feed}`, `{state}`, `{error}`.
+//! Placeholders of a reply: `{axis}`, `{position}`, `{feed}`, `{state}`, `{error}`, `{identity}`.
 
 use super::motors::{Motors, PullOff};
 use super::outbox::Outbox;
@@ -68,16 +69,22 @@ impl Rules {
             let unknown = self.spec.unknown.clone();
             return self.axes.iter_mut().for_each(|a| a.error.clone_from(&unknown));
         };
-        let axis = match fields.get("axis") {
-            Some(wire) => self.motors.find(&wire.to_text()),
-            None => Some(0),
+        let axes = match fields.get("axis") {
+            Some(wire) => match self.motors.find(&wire.to_text()) {
+                Some(i) => i..i + 1,
+                None => return,
+            },
+            None => 0..self.axes.len(),
         };
-        let Some(i) = axis else { return };
-        if let Err(refusal) = self.perform(&rule, &fields, i) {
-            self.axes[i].error = refusal;
+        for i in axes.clone() {
+            if let Err(refusal) = self.perform(&rule, &fields, i) {
+                self.axes[i].error = refusal;
+            }
         }
         if let Some(template) = &rule.reply {
-            let reply = self.fill(template, i);
+            let has_error = |i: &usize| self.axes[*i].error != self.spec.no_error;
+            let error_of = axes.clone().find(has_error).unwrap_or(axes.start);
+            let reply = self.fill(template, axes.start, error_of);
             self.outbox.send(self.t, format!("{reply}{}", self.spec.eol));
         }
     }
@@ -132,7 +139,7 @@ impl Rules {
         Ok(())
     }
 
-    fn fill(&mut self, template: &str, i: usize) -> String {
+    fn fill(&mut self, template: &str, i: usize, error_of: usize) -> String {
         let state = self.spec.states.get(&self.state(i)).cloned().unwrap_or_default();
         let motor = self.motors.axis(i);
         let position = motor.snap(self.motors.position(i, self.t)) + 0.0;
@@ -143,7 +150,7 @@ impl Rules {
             .replace("{identity}", &self.spec.identity)
             .replace("{state}", &state);
         if text.contains("{error}") {
-            let error = std::mem::replace(&mut self.axes[i].error, self.spec.no_error.clone());
+            let error = std::mem::replace(&mut self.axes[error_of].error, self.spec.no_error.clone());
             text = text.replace("{error}", &error);
         }
         text
