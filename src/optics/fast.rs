@@ -18,6 +18,7 @@
 mod bounce;
 mod crease;
 mod desk;
+mod echo;
 mod estimate;
 mod frame;
 mod grid;
@@ -40,6 +41,7 @@ mod world;
 use super::basis::LightBasis;
 use super::reference::Sight;
 use super::{Albedo, Error, Film, Material, Mesh, Role, Scene, to_pad};
+use echo::Echo;
 use frame::{Effort, Frame};
 use glam::{Vec2, Vec3};
 use grid::{Grid, Layout};
@@ -111,6 +113,8 @@ struct Tables {
     fixed_lights: Vec<Vec<Vec3>>,
     /// What a plate mirrors into each pixel, by light; empty without one.
     veils: Vec<Vec<Vec3>>,
+    /// What walls give back of a press; none where light is scattered too seldom.
+    echo: Option<Echo>,
 }
 
 impl Precomputed {
@@ -165,7 +169,10 @@ impl Precomputed {
         let solved = Radiosity::new(&world, &lamps, events, buried);
         let view = View::new(&fine_camera(untouched)?, slab);
         let (fixed, fixed_lights) = fixed_corners(untouched, &view, &world, &lamps, &solved)?;
+        let cell_px = bounce::SENDING * frame::cell_px(pixel_mm(&view));
+        let echo = Echo::new(&world, &view, cell_px, &probe_layout, events, rest, buried);
         let tables = Tables {
+            echo,
             direct: tables::direct(&sources, slab.as_ref(), &direct_layout, rest),
             probes: probes::gather(&world, &solved, &probe_layout, rest),
             fixed,
@@ -191,7 +198,8 @@ impl Precomputed {
             && corners(tables.fixed.len())
             && tables.fixed_lights.iter().all(|l| l.len() == tables.fixed.len())
             && tables.veils.iter().all(|v| v.len() == pixels)
-            && (tables.veils.is_empty() == view.slab.is_none());
+            && (tables.veils.is_empty() == view.slab.is_none())
+            && tables.echo.as_ref().is_none_or(|echo| echo.size == cells_of(&view));
         Ok(fits.then(|| Self::assemble(untouched, view, sources, tables)))
     }
 
@@ -214,7 +222,7 @@ impl Precomputed {
                 .map(|k| slab.transmitted(view.camera.ray(centre(k).x, centre(k).y, Vec2::ZERO).1))
                 .collect()
         });
-        let pixel_mm = 2.0 * camera.tan_half_x * camera.origin.z.abs() / camera.width as f32;
+        let pixel_mm = pixel_mm(&view);
         Self {
             fixed_scene: without_pad_mesh(untouched),
             grain: view.camera.width / untouched.camera.width,
@@ -283,6 +291,20 @@ impl Precomputed {
         let veil = if films == 1 { &self.veil_total } else { &self.tables.veils[film] };
         veil[y * self.view.camera.width + x]
     }
+}
+
+/// Cells that send towards walls, along x and y of a view.
+fn cells_of(view: &View) -> [usize; 2] {
+    let edge = bounce::SENDING * frame::cell_px(pixel_mm(view));
+    [view.camera.width.div_ceil(edge), view.camera.height.div_ceil(edge)]
+}
+
+/// Extent of a pixel on the untouched face, mm.
+fn pixel_mm(view: &View) -> f32 {
+    let camera = &view.camera;
+    // A plate lifts what is below it.
+    let lifted = view.slab.map_or(0.0, |slab| (slab.high - slab.low) * (1.0 - 1.0 / slab.ior));
+    2.0 * camera.tan_half_x * (camera.origin.z.abs() - lifted) / camera.width as f32
 }
 
 /// A pad as the prepared sensor sees it.
