@@ -21,6 +21,8 @@ const DIRECTIONS: usize = echo::AROUND;
 const DISTANCES: [f32; 10] = [1.0, 2.0, 3.0, 4.0, 5.5, 7.5, 10.0, 13.0, 17.0, 22.0];
 /// Ground this even, up to the farthest distance, needs no look: a slope.
 const EVEN: f32 = 4e-3;
+/// Cells are no nearer to each other than this, in their edges.
+const NEAREST: f32 = 0.3;
 /// A cell's light is changed by at most this factor, where next to none was.
 const MOST: f32 = 3.0;
 
@@ -110,8 +112,8 @@ struct Means {
 /// Cells beside the picture: as far as is looked.
 const MARGIN: usize = 22;
 
-/// Where to look in a direction: cells aside and down, and one over the distance in mm.
-type Steps = [(isize, isize, f32); DISTANCES.len()];
+/// Where to look in a direction: cells aside and down.
+type Steps = [(isize, isize); DISTANCES.len()];
 
 impl Cells<'_> {
     fn means(&self, untouched: &impl Fn(usize, Vec3) -> Untouched, rest: &impl Fn(Vec3) -> Rest) -> Means {
@@ -181,8 +183,7 @@ impl Cells<'_> {
             // In the picture y runs downwards, on the pad upwards.
             DISTANCES.map(|distance| {
                 let q = (Vec2::new(ahead.x, -ahead.y) * distance + 0.5).floor();
-                // As far as that cell is, not as was meant: of a slope it would tell too much.
-                (q.x as isize, q.y as isize, 1.0 / (q.length() * self.edge_mm))
+                (q.x as isize, q.y as isize)
             })
         });
         let mut gains = vec![Vec3::ONE; self.cells.len() * films];
@@ -322,6 +323,8 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         let means = self.means;
         let (zero, even) = (Eight::all(0.0), Eight::all(EVEN));
         let z = Means::eight(&means.heights, at);
+        let [x, y] = [0, 1].map(|c| Means::eight(&means.places[c], at));
+        let nearest = Eight::all(NEAREST * self.cells.edge_mm);
         let [nx, ny, nz] = [0, 1, 2].map(|c| Means::eight(&means.normals[c], at));
         let reflected = self.cells.albedo * FRAC_1_PI;
         for (direction, steps) in self.steps.iter().enumerate() {
@@ -335,13 +338,16 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
             let mut environment: Option<usize> = None;
             // Where the step before showed something, what shows next lies between the two.
             let mut shown: Option<(usize, Mask)> = None;
-            for (aside, down, per_mm) in steps {
+            for (aside, down) in steps {
                 let row = self.j as isize + down;
                 if row < 0 || row >= self.cells.size[1] as isize {
                     break;
                 }
                 let k = ((at as isize) + aside + down * means.stride as isize) as usize;
-                let rise = (Means::eight(&means.heights, k) - z) * Eight::all(*per_mm);
+                // (The picture moves what is high: places tell how far away it is.)
+                let (dx, dy) = (Means::eight(&means.places[0], k) - x, Means::eight(&means.places[1], k) - y);
+                let away = (dx * dx + dy * dy).sqrt().max(nearest);
+                let rise = (Means::eight(&means.heights, k) - z).over(away);
                 let risen = (before + even).below(rise);
                 if !risen.any() {
                     shown = None;
@@ -500,7 +506,11 @@ mod tests {
         let at = |k: usize| ((k % nx) as f32 - 40.5) * edge;
         let cells: Vec<Cell> = (0..nx * ny)
             .map(|k| Cell {
-                position: Vec3::new(at(k), 0.0, if at(k) > 0.0 { 1.0 } else { 0.0 }),
+                position: Vec3::new(
+                    at(k),
+                    (40.5 - (k / nx) as f32) * edge,
+                    if at(k) > 0.0 { 1.0 } else { 0.0 },
+                ),
                 normal: Vec3::Z,
                 area: 1.0,
                 count: 1.0,

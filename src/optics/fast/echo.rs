@@ -5,7 +5,8 @@
 //! coarse cells of the picture); where it goes, how walls pass it on, and what of it returns to the pad does not depend on
 //! the press and is worked out once: rays from each cell, a small radiosity solution over groups of
 //! patches, and its irradiance over place and normal. What stands between a flank and a wall is known by the flank's own
-//! horizons; what returns is not hidden by the pad.
+//! horizons; what returns is not hidden by the pad. Only for level faces: the normals of a curved one are not known well enough
+//! here to tell a press from the face itself.
 
 use super::grid::{Grid, Layout, Places};
 use super::probes::{self, NUMBERS, TERMS};
@@ -63,12 +64,15 @@ impl Echo {
         rest: impl Fn(Vec2) -> f32 + Sync,
         buried: impl Fn(Vec3) -> bool + Sync,
     ) -> Option<Self> {
-        if events < 2 {
-            return None;
-        }
         let camera = &view.camera;
         let size = [camera.width.div_ceil(cell_px), camera.height.div_ceil(cell_px)];
         let above = 1e-3 + 2.0 * world.offset;
+
+        let coarse = Layout { step_mm: STEP_MM, lift_mm: LIFT_MM, lift_step_mm: LIFT_MM[1], ..*layout };
+        let places = Places::new(&coarse, &rest);
+        if events < 2 || places.is_curved() {
+            return None;
+        }
 
         // Where cells send to.
         let met: Vec<u32> = (0..size[0] * size[1])
@@ -90,8 +94,6 @@ impl Echo {
             .collect();
 
         // Where the pad looks.
-        let coarse = Layout { step_mm: STEP_MM, lift_mm: LIFT_MM, lift_step_mm: LIFT_MM[1], ..*layout };
-        let places = Places::new(&coarse, &rest);
         let (looks, kernel) = probes::looks(places.is_curved());
         let seen: Vec<Vec<u32>> = (0..places.count())
             .into_par_iter()
