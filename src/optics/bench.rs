@@ -4,6 +4,8 @@
 //! shortest of a few repeats, processor seconds beside wall seconds: the caller lends the processor's clock. A frame's time is
 //! with everything that a changed pad needs anew; what a sensor needs once is told apart.
 
+pub mod cases;
+
 use super::bench_scene::Variant;
 use super::reuse::{Reuse, Seen};
 use super::trial::{Judge, Press, Trial};
@@ -30,6 +32,8 @@ pub struct Settings {
     pub tolerances: Vec<f64>,
     /// Frames a time is the shortest of.
     pub repeat: u32,
+    /// Hard cases: those whose name contains this, at this tolerance.
+    pub cases: Option<(String, f64)>,
 }
 
 /// A point of a curve.
@@ -83,6 +87,8 @@ pub struct Report {
     pub peers: Vec<Point>,
     /// What skips save and features cost.
     pub effects: Vec<Effect>,
+    /// Hard cases.
+    pub cases: Vec<cases::Case>,
     /// Rays a processor second through the reference's tree, one for each pixel's centre.
     pub camera_rays_per_s: f64,
 }
@@ -150,7 +156,17 @@ pub fn run(settings: &Settings, cpu: &dyn Fn() -> f64, mut tell: impl FnMut(&str
             points.push(point("reference", f64::from(samples), took, judge.error(&film)));
         }
     }
-    tell("skips and features ...");
+    let hard = match &settings.cases {
+        Some((which, tolerance)) => {
+            let (size, judge_samples) = (settings.size, settings.judge_samples);
+            let settings = cases::Settings { size, judge_samples, tolerance: *tolerance };
+            cases::run(&settings, which, &clock, &mut tell)?
+        }
+        None => Vec::new(),
+    };
+    if settings.effects {
+        tell("skips and features ...");
+    }
     let peer = |(method, size, setting, cpu_s, error): (&str, [usize; 2], f64, f64, f64)| Point {
         scene: "Ac".to_owned(),
         method: method.to_owned(),
@@ -170,6 +186,7 @@ pub fn run(settings: &Settings, cpu: &dyn Fn() -> f64, mut tell: impl FnMut(&str
         points,
         peers: PEERS.map(peer).to_vec(),
         effects: if settings.effects { effects(settings, &clock)? } else { Vec::new() },
+        cases: hard,
         camera_rays_per_s: sights.len() as f64 / took.cpu_s.max(1e-9),
     })
 }
@@ -352,6 +369,7 @@ mod tests {
             samples: vec![1, 4],
             tolerances: vec![0.01],
             repeat: 1,
+            cases: None,
         };
         let start = Instant::now();
         let cpu = move || start.elapsed().as_secs_f64();

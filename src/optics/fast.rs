@@ -18,7 +18,9 @@
 mod bounce;
 mod crease;
 mod desk;
+mod echo;
 mod estimate;
+mod fixed;
 mod frame;
 mod grid;
 mod ground;
@@ -40,6 +42,7 @@ mod world;
 use super::basis::LightBasis;
 use super::reference::Sight;
 use super::{Albedo, Error, Film, Material, Mesh, Role, Scene, to_pad};
+use echo::Echo;
 use frame::{Effort, Frame};
 use glam::{Vec2, Vec3};
 use grid::{Grid, Layout};
@@ -50,7 +53,6 @@ use raster::Projected;
 use rayon::prelude::*;
 use slots::Slots;
 use source::{Lamp, Source};
-use std::f32::consts::FRAC_1_PI;
 use std::sync::Arc;
 use view::View;
 use world::World;
@@ -111,6 +113,8 @@ struct Tables {
     fixed_lights: Vec<Vec<Vec3>>,
     /// What a plate mirrors into each pixel, by light; empty without one.
     veils: Vec<Vec<Vec3>>,
+    /// What walls give back of a press; none where light is scattered too seldom, or the face is curved.
+    echo: Option<Echo>,
 }
 
 impl Precomputed {
@@ -164,13 +168,16 @@ impl Precomputed {
         let buried = |p: Vec3| p.z < heights.at(p.truncate()) - BURIED_MM;
         let solved = Radiosity::new(&world, &lamps, events, buried);
         let view = View::new(&fine_camera(untouched)?, slab);
-        let (fixed, fixed_lights) = fixed_corners(untouched, &view, &world, &lamps, &solved)?;
+        let (fixed, fixed_lights) = fixed::corners(untouched, &view, &world, &lamps, &solved)?;
+        let cell_px = bounce::SENDING * frame::cell_px(pixel_mm(&view));
+        let echo = Echo::new(&world, &view, cell_px, &probe_layout, events, rest, buried);
         let tables = Tables {
+            echo,
             direct: tables::direct(&sources, slab.as_ref(), &direct_layout, rest),
             probes: probes::gather(&world, &solved, &probe_layout, rest),
             fixed,
             fixed_lights,
-            veils: slab.map_or_else(Vec::new, |slab| veils(&view, &slab, &world, &solved)),
+            veils: slab.map_or_else(Vec::new, |slab| fixed::veils(&view, &slab, &world, &solved)),
         };
         Ok(Self::assemble(untouched, view, sources, tables))
     }
@@ -191,7 +198,8 @@ impl Precomputed {
             && corners(tables.fixed.len())
             && tables.fixed_lights.iter().all(|l| l.len() == tables.fixed.len())
             && tables.veils.iter().all(|v| v.len() == pixels)
-            && (tables.veils.is_empty() == view.slab.is_none());
+            && (tables.veils.is_empty() == view.slab.is_none())
+            && tables.echo.as_ref().is_none_or(|echo| echo.size == cells_of(&view));
         Ok(fits.then(|| Self::assemble(untouched, view, sources, tables)))
     }
 
@@ -214,7 +222,7 @@ impl Precomputed {
                 .map(|k| slab.transmitted(view.camera.ray(centre(k).x, centre(k).y, Vec2::ZERO).1))
                 .collect()
         });
-        let pixel_mm = 2.0 * camera.tan_half_x * camera.origin.z.abs() / camera.width as f32;
+        let pixel_mm = pixel_mm(&view);
         Self {
             fixed_scene: without_pad_mesh(untouched),
             grain: view.camera.width / untouched.camera.width,
@@ -283,6 +291,20 @@ impl Precomputed {
         let veil = if films == 1 { &self.veil_total } else { &self.tables.veils[film] };
         veil[y * self.view.camera.width + x]
     }
+}
+
+/// Cells that send towards walls, along x and y of a view.
+fn cells_of(view: &View) -> [usize; 2] {
+    let edge = bounce::SENDING * frame::cell_px(pixel_mm(view));
+    [view.camera.width.div_ceil(edge), view.camera.height.div_ceil(edge)]
+}
+
+/// Extent of a pixel on the untouched face, mm.
+fn pixel_mm(view: &View) -> f32 {
+    let camera = &view.camera;
+    // A plate lifts what is below it.
+    let lifted = view.slab.map_or(0.0, |slab| (slab.high - slab.low) * (1.0 - 1.0 / slab.ior));
+    2.0 * camera.tan_half_x * (camera.origin.z.abs() - lifted) / camera.width as f32
 }
 
 /// A pad as the prepared sensor sees it.
@@ -532,81 +554,6 @@ fn same_but_pad_mesh(scene: &Scene, fixed: &Scene) -> bool {
         })
 }
 
-/// All surfaces but plates.
-fn solid(scene: &Scene) -> Vec<super::Surface> {
-    scene.surfaces.iter().filter(|s| s.role != Role::Plate).cloned().collect()
-}
-
-/// What a plate mirrors into each pixel, by light of radiance 1.
-fn veils(view: &View, slab: &Slab, world: &World, solved: &Radiosity) -> Vec<Vec<Vec3>> {
-    let camera = &view.camera;
-    let seen: Vec<Vec<Vec3>> = (0..camera.width * camera.height)
-        .into_par_iter()
-        .map(|k| {
-            let at = Vec2::new((k % camera.width) as f32 + 0.5, (k / camera.width) as f32 + 0.5);
-            let (origin, direction) = camera.ray(at.x, at.y, Vec2::ZERO);
-            let up = direction.with_z(-direction.z);
-            let mut sums = vec![Vec3::ZERO; solved.lights];
-            for (from, weight) in slab.mirrored(origin, direction) {
-                let Some(met) = world.trace(from + up * world.offset, up) else { continue };
-                for (sum, radiance) in sums.iter_mut().zip(solved.radiance(met.element)) {
-                    *sum += *radiance * weight;
-                }
-                if let Some(light) = met.light.filter(|_| met.front) {
-                    sums[light] += Vec3::splat(weight);
-                }
-            }
-            sums
-        })
-        .collect();
-    (0..solved.lights).map(|l| seen.iter().map(|s| s[l]).collect()).collect()
-}
-
-/// Inverse depth by corner, and radiance by light and corner.
-type Fixed = (Vec<f32>, Vec<Vec<Vec3>>);
-
-/// Traces what the camera would see without the pad.
-fn fixed_corners(
-    scene: &Scene,
-    view: &View,
-    world: &World,
-    lamps: &[Lamp],
-    solved: &Radiosity,
-) -> Result<Fixed, Error> {
-    // What stands above a plate is not in its way: walls are wider than the view there.
-    let bare = World::new(&Scene { surfaces: solid(scene), ..scene.clone() }, false)?;
-    let [columns, rows] = view.corners();
-    let lights = lamps.len();
-    let samples: Vec<(f32, Vec<Vec3>)> = (0..columns * rows)
-        .into_par_iter()
-        .map(|k| {
-            let at = Vec2::new((k % columns) as f32, (k / columns) as f32);
-            let [start, along] = view.ray(at);
-            let direction = along.normalize();
-            let Some(met) = bare.trace(start + direction * bare.offset, direction) else {
-                return (f32::NEG_INFINITY, Vec::new());
-            };
-            let value = along.length() / met.hit.t;
-            // Its radiance is that of the whole sensor, pad included; what the pad hides is not shown anyway.
-            let free = world.trace(start + direction * bare.offset, direction);
-            let Some(whole) = free.filter(|whole| whole.hit.t >= met.hit.t * 0.999) else {
-                return (value, vec![Vec3::ZERO; lights]);
-            };
-            let of_light = |l: usize| {
-                let e = world.direct(met.hit.point, met.normal, met.light, l, &lamps[l]);
-                let own = if met.front && met.light == Some(l) { Vec3::ONE } else { Vec3::ZERO };
-                met.albedo * (FRAC_1_PI * e) + solved.direct_free(whole.element, l) + own
-            };
-            (value, (0..lights).map(of_light).collect())
-        })
-        .collect();
-    if samples.iter().all(|s| s.0 == f32::NEG_INFINITY) {
-        return Ok((Vec::new(), vec![Vec::new(); lights]));
-    }
-    let of_light = |l: usize| samples.iter().map(|s| s.1.get(l).copied().unwrap_or(Vec3::ZERO)).collect();
-    Ok((samples.iter().map(|s| s.0).collect(), (0..lights).map(of_light).collect()))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -682,6 +629,29 @@ mod tests {
                 film.pixels.iter().all(|p| p.is_finite() && p.cmpge(Vec3::ZERO).all() && p.cmple(most).all())
             );
         }
+    }
+
+    /// Under one light a press changes most of what walls send back.
+    #[test]
+    fn walls_answer_a_press_as_in_the_reference() {
+        let alone = |mut scene: Scene| {
+            scene.lights[1..].iter_mut().for_each(|l| l.radiance = Vec3::ZERO);
+            scene
+        };
+        let scene = alone(scene(bench_scene::Variant::Ac, punch));
+        let radiances: Vec<Vec3> = scene.lights.iter().map(|l| l.radiance).collect();
+        let once = ONCE.with_radiances(&radiances).unwrap();
+        let mut deaf = once.clone();
+        deaf.tables.echo = None;
+        let [with, without] = [&once, &deaf].map(|once| {
+            let film = Renderer::new(once, &scene, 0.005).unwrap().render();
+            against_reference(&scene, &film)
+        });
+        assert!(with.0 < without.0 && with.0 < 0.016, "{with:?} {without:?}");
+        assert!((with.1.z - 1.0).abs() < 0.008, "{with:?}");
+        // What was kept on disk answers alike.
+        let again = Precomputed::decode(&flat(&scene), &once.encode()).unwrap().unwrap();
+        assert_eq!(again.tables.echo, once.tables.echo);
     }
 
     #[test]

@@ -1,19 +1,21 @@
 """Renders a benchmark scene with Mitsuba 3, an independent judge of the reference renderer.
 
     pip install mitsuba numpy
-    python tests/judges/mitsuba_scene.py SCENE.json Ac|At|B SPP WIDTH HEIGHT OUT.npy
+    python tests/judges/mitsuba_scene.py SCENE.json Ac|At|B SPP WIDTH HEIGHT OUT.npy [PICTURES [FIRST_SEED]]
 
-Writes linear RGB float32 (h, w, 3), row 0 on top, as `twinrig render` does. The scalar variant needs nothing
-beside the wheel. Not part of any test run.
+Writes PICTURES (default 1) independent pictures, linear RGB float32 (pictures, h, w, 3), row 0 on top; several tell the
+judge's own standard error (`compare.py`). The scalar variant needs nothing beside the wheel; MITSUBA_VARIANT=llvm_ad_rgb
+is several times as fast where LLVM is installed. Not part of any test run.
 """
 import json
+import os
 import sys
 import time
 
 import mitsuba as mi
 import numpy as np
 
-mi.set_variant('scalar_rgb')
+mi.set_variant(os.environ.get('MITSUBA_VARIANT', 'scalar_rgb'))
 S=json.load(open(sys.argv[1]))
 variant=sys.argv[2]; spp=int(sys.argv[3]); W,H=int(sys.argv[4]),int(sys.argv[5])
 e=S['elastomer']
@@ -57,5 +59,10 @@ if variant=='B':
     M=np.eye(4); M[:3,:3]=np.diag((hi-lo)/2); M[:3,3]=(hi+lo)/2
     sc['plate']={'type':'cube','to_world':T(M),'bsdf':{'type':'dielectric','int_ior':P['ior'],'ext_ior':1.0}}
 sc['cam']={'type':'perspective','fov':S['camera']['hfov_deg'],'fov_axis':'x','to_world':T().look_at(origin=[0,0,19],target=[0,0,0],up=[0,1,0]),'near_clip':.01,'film':{'type':'hdrfilm','width':W,'height':H,'rfilter':{'type':'box'},'pixel_format':'rgb','component_format':'float32'},'sampler':{'type':'multijitter','sample_count':spp}}
-t=time.time(); img=np.array(mi.render(mi.load_dict(sc),spp=spp)); print(variant,img.shape,'mean',img.mean((0,1)),'s',time.time()-t)
-np.save(sys.argv[6],img.astype(np.float32))
+scene=mi.load_dict(sc)
+pictures=[]
+first=int(sys.argv[8]) if len(sys.argv)>8 else 0
+for seed in range(first,first+(int(sys.argv[7]) if len(sys.argv)>7 else 1)):
+    t=time.time(); img=np.array(mi.render(scene,spp=spp,seed=seed)).astype(np.float32); pictures.append(img)
+    print(variant,seed,img.shape,'mean',img.mean((0,1)),'s',time.time()-t,flush=True)
+    np.save(sys.argv[6],np.stack(pictures))

@@ -2,12 +2,13 @@
 //!
 //! Renders the benchmark scene's variants Ac, At and B in the reference mode over samples a pixel and in the fast mode over
 //! tolerances, each error taken against two long reference pictures; beside them stand the peers' published points. Then
-//! what is skipped where a scene does not need it is done nevertheless, and the times compared. `--out NAME` writes
-//! NAME.csv, NAME.svg and NAME.json.
+//! what is skipped where a scene does not need it is done nevertheless, and the times compared. `--cases` measures the fast
+//! mode's error in hard cases instead. `--out NAME` writes NAME.csv, NAME.svg and NAME.json.
 
 use super::{load::cpu_seconds, optics_plot};
 use crate::cli::exit::Exit;
 use crate::cli::screen;
+use crate::optics::bench::cases::Case;
 use crate::optics::bench::{Point, Report, Settings, run};
 use crate::optics::bench_scene::Variant;
 use std::fmt::Write;
@@ -28,6 +29,12 @@ pub struct Args {
     /// Samples a pixel of each of the two judging pictures
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(2..=65_536))]
     pub judge_spp: u32,
+    /// Measure the fast mode's error in hard cases instead: all, or those whose name contains this
+    #[arg(long, value_name = "WHICH", num_args = 0..=1, default_missing_value = "")]
+    pub cases: Option<String>,
+    /// Tolerance of the hard cases
+    #[arg(long, default_value_t = 0.005)]
+    pub tolerance: f64,
     /// Write NAME.csv, NAME.svg and NAME.json
     #[arg(long, value_name = "NAME")]
     pub out: Option<PathBuf>,
@@ -39,8 +46,19 @@ pub struct Args {
 impl Args {
     /// Runs the benchmark.
     pub fn run(self) -> Exit {
-        let settings = match self.quick {
-            true => Settings {
+        let cases = self.cases.clone().map(|which| (which, self.tolerance));
+        let settings = match (self.quick, cases.is_some()) {
+            (_, true) => Settings {
+                scenes: vec![],
+                effects: false,
+                size: self.size,
+                judge_samples: self.judge_spp,
+                samples: vec![],
+                tolerances: vec![],
+                repeat: 8,
+                cases,
+            },
+            (true, false) => Settings {
                 scenes: vec![Variant::Ac],
                 effects: true,
                 size: [48, 36],
@@ -48,8 +66,9 @@ impl Args {
                 samples: vec![1, 4],
                 tolerances: vec![0.01, 0.005],
                 repeat: 1,
+                cases,
             },
-            false => Settings {
+            (false, false) => Settings {
                 scenes: vec![Variant::Ac, Variant::At, Variant::B],
                 effects: true,
                 size: self.size,
@@ -57,6 +76,7 @@ impl Args {
                 samples: vec![1, 4, 16, 64],
                 tolerances: vec![0.02, 0.01, 0.005, 0.0025],
                 repeat: 8,
+                cases,
             },
         };
         let report = match run(&settings, &cpu_seconds, |what| screen::note(what)) {
@@ -82,6 +102,10 @@ impl Args {
 
 fn show(report: &Report) {
     screen::result(format_args!("{} threads", report.threads));
+    if !report.cases.is_empty() {
+        show_cases(&report.cases);
+        return;
+    }
     screen::result("scene method               raster    setting   CPU-s     wall s    relRMSE  (estimated)");
     for p in report.points.iter().chain(&report.peers) {
         let [w, h] = p.size;
@@ -112,6 +136,23 @@ fn show(report: &Report) {
     screen::result(format_args!("camera rays: {:.1} M a CPU-s", report.camera_rays_per_s / 1e6));
 }
 
+fn show_cases(cases: &[Case]) {
+    screen::result("case                                 relRMSE  (floor)    estimated   CPU-s    wall s");
+    for Case { name, outcome } in cases {
+        match outcome {
+            Ok(m) => screen::result(format_args!(
+                "{name:34} {:>7.3} % ({:.2} %) {:>9.3} % {:>8.4} {:>8.4}",
+                1e2 * m.error,
+                1e2 * m.floor,
+                1e2 * m.estimated,
+                m.cpu_s,
+                m.wall_s
+            )),
+            Err(why) => screen::result(format_args!("{name:34} by the reference mode: {why}")),
+        }
+    }
+}
+
 fn keep(name: &Path, report: &Report) -> Result<(), String> {
     if let Some(folder) = name.parent() {
         std::fs::create_dir_all(folder).map_err(|e| format!("cannot make {}: {e}", folder.display()))?;
@@ -135,6 +176,14 @@ fn csv(report: &Report) -> String {
         // Writing to a string does not fail.
         let _ =
             writeln!(text, "{scene},{method},{w},{h},{setting},{cpu_s},{wall},{once},{error},{estimated}");
+    }
+    for Case { name, outcome } in &report.cases {
+        let _ = match outcome {
+            Ok(m) => {
+                writeln!(text, "\"{name}\",fast,,,,{},{},,{},{}", m.cpu_s, m.wall_s, m.error, m.estimated)
+            }
+            Err(_) => writeln!(text, "\"{name}\",reference,,,,,,,,"),
+        };
     }
     text
 }

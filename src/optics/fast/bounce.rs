@@ -4,35 +4,48 @@
 //! each the pad's profile is followed in a few directions: where it rises above what was seen before, its radiance takes
 //! the place of what the untouched sensor has there. One bounce, from the light that is there already; what
 //! follows is a small part of a small part. (Horizon-based indirect lighting, Bavoil and Sainz 2008, on a coarse raster.)
+//!
+//! The same horizons tell what each cell sends towards the walls; what they give back is the [`echo`](super::echo).
 
-use super::lanes::{Eight, Vectors, WIDTH, Work, with_widest};
+use super::echo::{self, Echo, PER_WEIGHT, RISES, SLOPES};
+use super::grid::Grid;
+use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, with_widest};
 use super::probes::{self, NUMBERS};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, TAU};
 
 /// Directions looked into.
-const DIRECTIONS: usize = 16;
+const DIRECTIONS: usize = echo::AROUND;
 /// Distances looked at, in cells.
 const DISTANCES: [f32; 10] = [1.0, 2.0, 3.0, 4.0, 5.5, 7.5, 10.0, 13.0, 17.0, 22.0];
 /// Ground this even, up to the farthest distance, needs no look: a slope.
 const EVEN: f32 = 4e-3;
+/// Cells are no nearer to each other than this, in their edges.
+const NEAREST: f32 = 0.3;
 /// A cell's light is changed by at most this factor, where next to none was.
 const MOST: f32 = 3.0;
+
+/// Cells of the picture along the edge of one that sends towards walls; as many as are worked on at once.
+pub const SENDING: usize = WIDTH;
+/// An echo below this part of the light is none.
+const SILENT: f32 = 1e-5;
 
 /// Means over a cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cell {
     /// Position, or what adds up to it.
     pub position: Vec3,
-    /// Normal, not of length 1.
+    /// Normal, not of length 1: a sum over the area of the surface, not of the picture.
     pub normal: Vec3,
+    /// Area of the surface, in pixels of a level one.
+    pub area: f32,
     /// Pixels counted.
     pub count: f32,
 }
 
 /// Nothing counted.
-pub const EMPTY: Cell = Cell { position: Vec3::ZERO, normal: Vec3::ZERO, count: 0.0 };
+pub const EMPTY: Cell = Cell { position: Vec3::ZERO, normal: Vec3::ZERO, area: 0.0, count: 0.0 };
 
 /// The picture's cells.
 pub struct Cells<'a> {
@@ -42,10 +55,16 @@ pub struct Cells<'a> {
     pub edge_mm: f32,
     /// Row by row, as sums.
     pub cells: &'a [Cell],
-    /// Sums of the irradiance, by picture.
+    /// Sums of the irradiance over the area of the surface, by picture.
     pub lights: &'a [Vec<Vec3>],
+    /// Pixels of a full cell.
+    pub most_count: f32,
     /// Mean albedo of the pad.
     pub albedo: Vec3,
+    /// Where the camera is.
+    pub eye: Vec3,
+    /// What walls do, where they do anything.
+    pub echo: Option<&'a Echo>,
 }
 
 /// The untouched sensor's light, in a picture at a place.
@@ -54,6 +73,22 @@ pub struct Untouched {
     pub sky: [f32; NUMBERS],
     /// Irradiance of the face there.
     pub ground: Vec3,
+}
+
+/// What a press changes.
+pub struct Changes {
+    /// By picture: what the light of each cell is to be multiplied with.
+    pub gains: Vec<Vec<Vec3>>,
+    /// Sum over cells, pictures and colours of the squares of what the echo alone changes, as parts of the mean light.
+    pub echoed: f64,
+}
+
+/// The untouched face under a place.
+pub struct Rest {
+    /// How far the place is above it, mm.
+    pub lift: f32,
+    /// Its normal.
+    pub normal: Vec3,
 }
 
 /// Means over cells, by row with room on both sides so that eight neighbours can be looked at from any column.
@@ -67,17 +102,21 @@ struct Means {
     lights: Vec<[Vec<f32>; 3]>,
     /// The same of the untouched face there.
     grounds: Vec<[Vec<f32>; 3]>,
+    /// The same where the pixels of the cell would see the untouched face; level areas of both, mm^2; normals there.
+    rests: Vec<[Vec<f32>; 3]>,
+    areas: [Vec<f32>; 2],
+    rest_normals: [Vec<f32>; 3],
     highest: f32,
 }
 
 /// Cells beside the picture: as far as is looked.
 const MARGIN: usize = 22;
 
-/// Where to look in a direction: cells aside and down, and one over the distance in mm.
-type Steps = [(isize, isize, f32); DISTANCES.len()];
+/// Where to look in a direction: cells aside and down.
+type Steps = [(isize, isize); DISTANCES.len()];
 
 impl Cells<'_> {
-    fn means(&self, untouched: &impl Fn(usize, Vec3) -> Untouched) -> Means {
+    fn means(&self, untouched: &impl Fn(usize, Vec3) -> Untouched, rest: &impl Fn(Vec3) -> Rest) -> Means {
         let [nx, ny] = self.size;
         let stride = nx.next_multiple_of(WIDTH) + 2 * MARGIN;
         let row = |value: f32| vec![value; stride * ny];
@@ -88,6 +127,9 @@ impl Cells<'_> {
             normals: [row(0.0), row(0.0), row(1.0)],
             lights: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
             grounds: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
+            rests: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
+            areas: [row(0.0), row(0.0)],
+            rest_normals: [row(0.0), row(0.0), row(1.0)],
             highest: f32::NEG_INFINITY,
         };
         for (k, cell) in self.cells.iter().enumerate().filter(|(_, c)| c.count > 0.0) {
@@ -97,37 +139,103 @@ impl Cells<'_> {
             (means.normals[0][at], means.normals[1][at], means.normals[2][at]) = n.into();
             means.highest = means.highest.max(p.z);
             for (out, light) in means.lights.iter_mut().zip(self.lights) {
-                let light = light[k] / cell.count;
+                let light = light[k] / cell.area;
                 (out[0][at], out[1][at], out[2][at]) = light.into();
             }
             for (film, out) in means.grounds.iter_mut().enumerate() {
                 (out[0][at], out[1][at], out[2][at]) = untouched(film, p).ground.into();
             }
+            if self.echo.is_none() {
+                continue;
+            }
+            // The face as it was, seen along the same rays.
+            let Rest { lift, normal } = rest(p);
+            let height = self.eye.z - p.z;
+            let before = self.eye + (p - self.eye) * ((height + lift) / height);
+            let part = cell.count / (cell.count.max(self.most_count));
+            let area = |z: f32| part * (self.edge_mm * (self.eye.z - z) / self.eye.z).powi(2);
+            means.areas[0][at] = area(p.z) * cell.area / cell.count;
+            means.areas[1][at] = area(before.z) / normal.z;
+            let [x, y, z] = &mut means.rest_normals;
+            (x[at], y[at], z[at]) = normal.into();
+            for (film, out) in means.rests.iter_mut().enumerate() {
+                let moved = lift.abs() > 0.02;
+                let ground = if moved { untouched(film, before).ground } else { Vec3::ZERO };
+                for c in 0..3 {
+                    out[c][at] = if moved { ground[c] } else { means.grounds[film][c][at] };
+                }
+            }
         }
         means
     }
 
-    /// What the irradiance of each cell is to be multiplied with, by picture. `untouched` gives the light of the untouched
-    /// sensor in a picture at a place. What a cell sees is found once for all pictures.
-    pub fn gains(&self, untouched: impl Fn(usize, Vec3) -> Untouched + Sync) -> Vec<Vec<Vec3>> {
+    /// What a press changes. `untouched` gives the light of the untouched sensor in a picture at a place, `rest` its face.
+    /// What a cell sees is found once for all pictures.
+    pub fn changes(
+        &self,
+        untouched: impl Fn(usize, Vec3) -> Untouched + Sync,
+        rest: impl Fn(Vec3) -> Rest + Sync,
+    ) -> Changes {
         let ([nx, _], films) = (self.size, self.lights.len());
-        let means = self.means(&untouched);
+        let means = self.means(&untouched, &rest);
         let steps: [Steps; DIRECTIONS] = std::array::from_fn(|direction| {
             let ahead = ahead(direction);
             // In the picture y runs downwards, on the pad upwards.
             DISTANCES.map(|distance| {
                 let q = (Vec2::new(ahead.x, -ahead.y) * distance + 0.5).floor();
-                (q.x as isize, q.y as isize, 1.0 / (distance * self.edge_mm))
+                (q.x as isize, q.y as isize)
             })
         });
         let mut gains = vec![Vec3::ONE; self.cells.len() * films];
-        gains.par_chunks_mut(nx * films).enumerate().for_each(|(j, out)| {
-            let (cells, means, steps, untouched) = (self, &means, &steps, &untouched);
-            with_widest(Row { cells, means, steps, untouched, j, out });
-        });
+        // Rows that send together; by cell, picture and direction.
+        let in_row = nx.div_ceil(SENDING) * films * echo::DIRECTIONS;
+        let mut sent = vec![Vec3::ZERO; self.size[1].div_ceil(SENDING) * in_row];
+        gains.par_chunks_mut(SENDING * nx * films).zip(sent.par_chunks_mut(in_row)).enumerate().for_each(
+            |(k, (out, sent))| {
+                for (j, out) in out.chunks_mut(nx * films).enumerate() {
+                    let (cells, means, steps, untouched) = (self, &means, &steps, &untouched);
+                    with_widest(Row { cells, means, steps, untouched, j: SENDING * k + j, out, sent });
+                }
+            },
+        );
         let of_film =
             |film: usize| gains.chunks_exact(nx).skip(film).step_by(films).flatten().copied().collect();
-        (0..films).map(of_film).collect()
+        let mut gains: Vec<Vec<Vec3>> = (0..films).map(of_film).collect();
+        let mut echoed = 0.0;
+        if let Some(echo) = self.echo {
+            for (film, gains) in gains.iter_mut().enumerate() {
+                let of_film = |of: &[Vec3]| of[film * echo::DIRECTIONS..][..echo::DIRECTIONS].to_vec();
+                let sent: Vec<Vec3> = sent.chunks_exact(films * echo::DIRECTIONS).flat_map(of_film).collect();
+                echoed += self.echo(&means, film, &echo.answer(&sent), gains);
+            }
+        }
+        Changes { gains, echoed }
+    }
+
+    /// Adds what walls give back to the gains of a picture; the mean square of what it is.
+    fn echo(&self, means: &Means, film: usize, answer: &Grid<NUMBERS>, gains: &mut [Vec3]) -> f64 {
+        let ([nx, _], [x, y, z]) = (self.size, &means.lights[film]);
+        let at = |k: usize| k / nx * means.stride + MARGIN + k % nx;
+        let seen = || (0..gains.len()).filter(|k| self.cells[*k].count > 0.0);
+        let light = |k: usize| Vec3::new(x[at(k)], y[at(k)], z[at(k)]);
+        let n = seen().count().max(1) as f32;
+        let mean = (seen().map(light).sum::<Vec3>() / n).max(Vec3::splat(1e-12));
+        let most = answer.parts().1.iter().flatten().fold(0.0f32, |most, v| most.max(v.abs()));
+        if most < SILENT * mean.max_element() {
+            return 0.0;
+        }
+        let mut squares = 0.0;
+        let seen: Vec<usize> = seen().collect();
+        for k in seen {
+            let i = at(k);
+            let p = Vec3::new(means.places[0][i], means.places[1][i], means.heights[i]);
+            let normal = Vec3::new(means.normals[0][i], means.normals[1][i], means.normals[2][i]);
+            let (change, light) = (probes::change(&answer.at(p), normal), light(k));
+            squares += f64::from((change / mean.max_element()).length_squared());
+            let bounded = change.clamp(-0.9 * light, light * (MOST - 1.0));
+            gains[k] += bounded / light.max(Vec3::splat(1e-12));
+        }
+        squares / f64::from(n)
     }
 }
 
@@ -151,6 +259,7 @@ struct Row<'a, S> {
     untouched: &'a S,
     j: usize,
     out: &'a mut [Vec3],
+    sent: &'a mut [Vec3],
 }
 
 impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
@@ -172,11 +281,12 @@ impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
                     || (self.means.normals[2][k] > 1.0 - 1e-5 && self.means.highest - z < even)
             };
             if (at..at + lanes).all(level) {
+                self.send_level(at, i);
                 continue;
             }
             sums.fill(Vectors::all(Vec3::ZERO));
             skies.clear();
-            self.look(at, lanes, &mut sums, &mut skies);
+            let horizons = self.look(at, lanes, &mut sums, &mut skies);
             for (film, sum) in sums.iter().enumerate() {
                 for k in 0..lanes {
                     if level(at + k) {
@@ -190,18 +300,31 @@ impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
                         Vec3::ONE + change.clamp(-0.9 * e, most) / e.max(Vec3::splat(1e-12));
                 }
             }
+            self.send(at, i, lanes, &horizons);
         }
     }
 }
+
+/// By direction: the slope below which the pad is seen, and the weight of what is.
+type Horizons = [[Eight; 2]; DIRECTIONS];
 
 impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
     /// Follows the profile from eight cells into all directions; what rises above what was seen before takes the place of
     /// sky or ground.
     #[inline(always)]
-    fn look(&mut self, at: usize, lanes: usize, sums: &mut [Vectors], skies: &mut Vec<[Eight; NUMBERS]>) {
+    fn look(
+        &mut self,
+        at: usize,
+        lanes: usize,
+        sums: &mut [Vectors],
+        skies: &mut Vec<[Eight; NUMBERS]>,
+    ) -> Horizons {
+        let mut horizons = [[Eight::all(0.0); 2]; DIRECTIONS];
         let means = self.means;
         let (zero, even) = (Eight::all(0.0), Eight::all(EVEN));
         let z = Means::eight(&means.heights, at);
+        let [x, y] = [0, 1].map(|c| Means::eight(&means.places[c], at));
+        let nearest = Eight::all(NEAREST * self.cells.edge_mm);
         let [nx, ny, nz] = [0, 1, 2].map(|c| Means::eight(&means.normals[c], at));
         let reflected = self.cells.albedo * FRAC_1_PI;
         for (direction, steps) in self.steps.iter().enumerate() {
@@ -213,15 +336,21 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
             let mut below = upright
                 .choose(weight(before, along, nz), (nz - along * Eight::all(FRAC_PI_2)) * Eight::all(0.5));
             let mut environment: Option<usize> = None;
-            for (aside, down, per_mm) in steps {
+            // Where the step before showed something, what shows next lies between the two.
+            let mut shown: Option<(usize, Mask)> = None;
+            for (aside, down) in steps {
                 let row = self.j as isize + down;
                 if row < 0 || row >= self.cells.size[1] as isize {
                     break;
                 }
                 let k = ((at as isize) + aside + down * means.stride as isize) as usize;
-                let rise = (Means::eight(&means.heights, k) - z) * Eight::all(*per_mm);
+                // (The picture moves what is high: places tell how far away it is.)
+                let (dx, dy) = (Means::eight(&means.places[0], k) - x, Means::eight(&means.places[1], k) - y);
+                let away = (dx * dx + dy * dy).sqrt().max(nearest);
+                let rise = (Means::eight(&means.heights, k) - z).over(away);
                 let risen = (before + even).below(rise);
                 if !risen.any() {
+                    shown = None;
                     continue;
                 }
                 let now = weight(rise, along, nz);
@@ -242,14 +371,89 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                         y: light.y * Eight::all(reflected.y),
                         z: light.z * Eight::all(reflected.z),
                     };
-                    let radiance = scaled(Means::light(&means.lights[film], k));
+                    let mut light = Means::light(&means.lights[film], k);
+                    if let Some((nearer, of)) = shown {
+                        let mean =
+                            (light + Means::light(&means.lights[film], nearer)).scaled(Eight::all(0.5));
+                        light = of.pick(mean, light);
+                    }
+                    let radiance = scaled(light);
                     let ground = scaled(Means::light(&means.grounds[film], k));
                     *sum = *sum
                         + (radiance - environment).scaled(of_sky)
                         + (radiance - ground).scaled(of_ground);
                 }
+                shown = Some((k, risen));
                 before = risen.choose(rise, before);
                 below = risen.choose(now, below);
+            }
+            horizons[direction] = [before, below];
+        }
+        horizons
+    }
+
+    /// Eight level cells in the open: more or less light than before goes everywhere as from an even face.
+    #[inline(always)]
+    fn send_level(&mut self, at: usize, i: usize) {
+        let (means, films) = (self.means, self.means.lights.len());
+        if self.cells.echo.is_none() {
+            return;
+        }
+        let [area, rest_area] = [0, 1].map(|k| Means::eight(&means.areas[k], at));
+        for film in 0..films {
+            let (now, before) = (Means::light(&means.lights[film], at), Means::light(&means.rests[film], at));
+            let more = (now.scaled(area) - before.scaled(rest_area)).sums() * self.cells.albedo;
+            let to = &mut self.sent[(i / SENDING * films + film) * echo::DIRECTIONS..][..echo::DIRECTIONS];
+            for (k, to) in to.iter_mut().enumerate() {
+                *to += more * echo::level_part(k % RISES);
+            }
+        }
+    }
+
+    /// What eight cells send into each direction above their horizons, less what the untouched face sent.
+    #[inline(always)]
+    fn send(&mut self, at: usize, i: usize, lanes: usize, horizons: &Horizons) {
+        let (means, films, nx) = (self.means, self.means.lights.len(), self.cells.size[0]);
+        if self.cells.echo.is_none() {
+            return;
+        }
+        let (zero, steepest) = (Eight::all(0.0), Eight::all(1e4));
+        let [area, rest_area] = [0, 1].map(|k| Means::eight(&means.areas[k], at) * Eight::all(PER_WEIGHT));
+        let [nx_, ny_, nz_] = [0, 1, 2].map(|c| Means::eight(&means.normals[c], at));
+        let [rx, ry, rz] = [0, 1, 2].map(|c| Means::eight(&means.rest_normals[c], at));
+        // Parts of what is sent, by direction: now and before.
+        let mut parts = [[zero; 2]; echo::DIRECTIONS];
+        for (direction, [slope, below]) in horizons.iter().enumerate() {
+            let ahead = ahead(direction);
+            let along = nx_ * Eight::all(ahead.x) + ny_ * Eight::all(ahead.y);
+            let rest_along = rx * Eight::all(ahead.x) + ry * Eight::all(ahead.y);
+            let plane = (-rest_along).over(rz);
+            let rest_below = weight(plane, rest_along, rz);
+            let from = |k: usize, along: Eight, up: Eight, horizon: Eight, below: Eight| {
+                let edge = SLOPES.get(k).map_or(steepest, |s| Eight::all(*s));
+                horizon.below(edge).choose(weight(edge, along, up), below)
+            };
+            let mut low = [from(0, along, nz_, *slope, *below), from(0, rest_along, rz, plane, rest_below)];
+            for rise in 0..RISES {
+                let high = [
+                    from(rise + 1, along, nz_, *slope, *below),
+                    from(rise + 1, rest_along, rz, plane, rest_below),
+                ];
+                parts[direction * RISES + rise] = [(high[0] - low[0]) * area, (high[1] - low[1]) * rest_area];
+                low = high;
+            }
+        }
+        for film in 0..films {
+            let mut now = Means::light(&means.lights[film], at);
+            for k in 0..lanes {
+                let gain = self.out[film * nx + i + k];
+                (now.x.0[k], now.y.0[k], now.z.0[k]) =
+                    (now.x.0[k] * gain.x, now.y.0[k] * gain.y, now.z.0[k] * gain.z);
+            }
+            let before = Means::light(&means.rests[film], at);
+            let to = &mut self.sent[(i / SENDING * films + film) * echo::DIRECTIONS..][..echo::DIRECTIONS];
+            for (to, [part, rest]) in to.iter_mut().zip(&parts) {
+                *to += (now.scaled(*part) - before.scaled(*rest)).sums() * self.cells.albedo;
             }
         }
     }
@@ -302,8 +506,13 @@ mod tests {
         let at = |k: usize| ((k % nx) as f32 - 40.5) * edge;
         let cells: Vec<Cell> = (0..nx * ny)
             .map(|k| Cell {
-                position: Vec3::new(at(k), 0.0, if at(k) > 0.0 { 1.0 } else { 0.0 }),
+                position: Vec3::new(
+                    at(k),
+                    (40.5 - (k / nx) as f32) * edge,
+                    if at(k) > 0.0 { 1.0 } else { 0.0 },
+                ),
                 normal: Vec3::Z,
+                area: 1.0,
                 count: 1.0,
             })
             .collect();
@@ -311,9 +520,19 @@ mod tests {
         let light: Vec<Vec3> =
             (0..nx * ny).map(|k| if at(k) > 0.0 { Vec3::ONE } else { Vec3::splat(1e-3) }).collect();
         let lights = [light.clone(), light.iter().map(|l| *l * 2.0).collect()];
-        let all = Cells { size: [nx, ny], edge_mm: edge, cells: &cells, lights: &lights, albedo: Vec3::ONE };
+        let all = Cells {
+            size: [nx, ny],
+            edge_mm: edge,
+            cells: &cells,
+            lights: &lights,
+            most_count: 1.0,
+            albedo: Vec3::ONE,
+            eye: Vec3::new(0.0, 0.0, 20.0),
+            echo: None,
+        };
         let dark = |_, _| Untouched { sky: [0.0; NUMBERS], ground: Vec3::ZERO };
-        let gains = all.gains(dark);
+        let rest = |_| Rest { lift: 0.0, normal: Vec3::Z };
+        let gains = all.changes(dark, rest).gains;
         // An endless wall of height h at distance d fills (1 - cos(atan(h/d)))/2 of the floor's view.
         for i in [36, 38] {
             let d = -at(40 * nx + i);
@@ -321,7 +540,7 @@ mod tests {
             // (The change is told as part of the light that is there, which is bounded: brighter ground is changed less.)
             let bright: Vec<Vec3> = light.iter().map(|l| l.max(Vec3::ONE)).collect();
             let lights = [bright];
-            let gain = Cells { lights: &lights, ..all }.gains(dark)[0][40 * nx + i].x;
+            let gain = Cells { lights: &lights, ..all }.changes(dark, rest).gains[0][40 * nx + i].x;
             assert!(((gain - 1.0) / truth - 1.0).abs() < 0.25, "{d}: {gain} {truth}");
         }
         assert!(gains[0][40 * nx + 38].x > 2.9, "what was dark is bounded");

@@ -1,5 +1,5 @@
-//! Pixels over creases, folds and rims: means of a grid of samples, each with the triangle on top there, or of what their
-//! corners see where those do not all see the pad.
+//! Pixels over creases, folds and rims: means over the parts of the triangles that they show; where those overlap, of a grid
+//! of samples, each with the triangle on top there; or of what their corners see where those do not all see the pad.
 
 use super::desk::{Desk, Rectangle};
 use super::lanes::{Eight, Vectors, WIDTH};
@@ -18,8 +18,124 @@ const CORNERED_ERROR: f64 = 0.25;
 /// Pixels that see parts of the pad farther apart, in quads, are the mean of their corners.
 const MOST_QUADS: usize = 24;
 
+/// A part of a pixel that shows one triangle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Piece {
+    /// Where its light is taken, in the pixel.
+    at: Vec2,
+    /// The view's value there.
+    value: f32,
+    triangle: u32,
+    /// Its part of the pixel.
+    part: f32,
+}
+
+/// Cuts the triangles of some quads at the edges of a pixel. False where they do not cover it once: where it shows a fold
+/// or a rim.
+fn cut(vertices: &[Vec3], nx: usize, pixel: Vec2, quads: [usize; 4], pieces: &mut Vec<Piece>) -> bool {
+    pieces.clear();
+    let mut whole = 0.0;
+    for_triangles(vertices, nx, pixel, quads, |triangle, points| {
+        let mut polygon = [Vec2::ZERO; 8];
+        let mut count = 3;
+        polygon[..3].copy_from_slice(&points.map(Vec3::truncate));
+        for (axis, side) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)] {
+            // Inside is x >= 0 for side 1, x <= 1 for side -1.
+            let inside = |p: Vec2| if side > 0.0 { p[axis] } else { 1.0 - p[axis] };
+            let (before, n) = (polygon, count);
+            count = 0;
+            for k in 0..n {
+                let (p, q) = (before[k], before[(k + 1) % n]);
+                let (a, b) = (inside(p), inside(q));
+                if a >= 0.0 {
+                    polygon[count] = p;
+                    count += 1;
+                }
+                if (a < 0.0) != (b < 0.0) && count < polygon.len() {
+                    polygon[count] = p + (q - p) * (a / (a - b));
+                    count += 1;
+                }
+            }
+        }
+        let (mut area, mut middle) = (0.0, Vec2::ZERO);
+        for k in 2..count {
+            let [a, b, c] = [polygon[0], polygon[k - 1], polygon[k]];
+            let part = 0.5 * (b - a).perp_dot(c - a);
+            area += part;
+            middle += (a + b + c) * (part / 3.0);
+        }
+        if area.abs() > 1e-5 {
+            let at = middle / area;
+            pieces.push(Piece { at, value: value_at(points, at), triangle, part: area.abs() });
+            whole += area.abs();
+        }
+    });
+    (whole - 1.0).abs() < COVERED
+}
+
+/// Pieces of a pixel cover it to this part.
+const COVERED: f32 = 2e-3;
+
+/// The triangles on top at a grid of samples.
+fn sample(vertices: &[Vec3], nx: usize, pixel: Vec2, quads: [usize; 4], pieces: &mut Vec<Piece>) {
+    let place = |k: usize| Vec2::new((k % GRID) as f32 + 0.5, (k / GRID) as f32 + 0.5) / GRID as f32;
+    let mut found = [(f32::NEG_INFINITY, u32::MAX); GRID * GRID];
+    for_triangles(vertices, nx, pixel, quads, |triangle, [a, b, c]| {
+        let [pa, pb, pc] = [a, b, c].map(Vec3::truncate);
+        let area = (pb - pa).perp_dot(pc - pa);
+        for (k, found) in found.iter_mut().enumerate() {
+            let p = place(k);
+            let wb = (p - pc).perp_dot(pa - pc) / -area;
+            let wc = (pb - pa).perp_dot(p - pa) / area;
+            let wa = 1.0 - wb - wc;
+            let value = a.z * wa + b.z * wb + c.z * wc;
+            if wa.min(wb).min(wc) >= -1e-4 && value > found.0 {
+                *found = (value, triangle);
+            }
+        }
+    });
+    pieces.clear();
+    let part = 1.0 / (GRID * GRID) as f32;
+    let seen = found.iter().enumerate().filter(|(_, found)| found.1 != u32::MAX);
+    pieces.extend(seen.map(|(k, &(value, triangle))| Piece { at: place(k), value, triangle, part }));
+}
+
+/// Each triangle of some quads that may show in a pixel, relative to its corner.
+fn for_triangles(
+    vertices: &[Vec3],
+    nx: usize,
+    pixel: Vec2,
+    [i0, i1, j0, j1]: [usize; 4],
+    mut each: impl FnMut(u32, [Vec3; 3]),
+) {
+    for j in j0..j1 {
+        for i in i0..i1 {
+            let id = 2 * (j * (nx - 1) + i) as u32;
+            for triangle in [id, id + 1] {
+                let points = corners(triangle, nx).map(|k| vertices[k] - pixel.extend(0.0));
+                let [a, b, c] = points.map(Vec3::truncate);
+                let outside =
+                    a.min(b).min(c).cmpgt(Vec2::ONE).any() || a.max(b).max(c).cmplt(Vec2::ZERO).any();
+                let area = (b - a).perp_dot(c - a);
+                if !outside && area != 0.0 && area.is_finite() {
+                    each(triangle, points);
+                }
+            }
+        }
+    }
+}
+
+/// The value of a triangle at a point of the raster.
+fn value_at([a, b, c]: [Vec3; 3], p: Vec2) -> f32 {
+    let [pa, pb, pc] = [a, b, c].map(Vec3::truncate);
+    let area = (pb - pa).perp_dot(pc - pa);
+    let wb = (p - pc).perp_dot(pa - pc) / -area;
+    let wc = (pb - pa).perp_dot(p - pa) / area;
+    a.z * (1.0 - wb - wc) + b.z * wb + c.z * wc
+}
+
 impl Desk<'_> {
-    /// A pixel over a crease, or one whose corners see different things: the mean of a grid of samples, or of its corners
+    /// A pixel over a crease, or one whose corners see different things: the mean of the triangles there, or of its corners
     /// where those do not all see the pad.
     #[inline(never)]
     pub fn mixed(&mut self, x: usize, y: usize, rectangle: Rectangle) {
@@ -28,7 +144,7 @@ impl Desk<'_> {
         if let [Some(a), Some(b), Some(c), Some(d)] = triangles
             && let Some(quads) = self.quads([a, b, c, d])
         {
-            self.sampled(x, y, rectangle, [a, b, c, d].map(|k| self.frame.normal(k)), quads);
+            self.pieced(x, y, rectangle, [a, b, c, d].map(|k| self.frame.normal(k)), quads);
         } else {
             self.cornered(x, y, rectangle);
         }
@@ -51,9 +167,9 @@ impl Desk<'_> {
         })
     }
 
-    /// The mean of a grid of samples over a pixel, each with the triangle on top there. Horizons jump at a crease: each
-    /// sample takes those of the corner that lies most as it does.
-    fn sampled(
+    /// The mean over the pieces of triangles that a pixel shows. Horizons jump at a crease: each piece takes those of the
+    /// corner that lies most as it does.
+    fn pieced(
         &mut self,
         x: usize,
         y: usize,
@@ -65,59 +181,30 @@ impl Desk<'_> {
         let once = frame.once;
         let films = self.sums.len();
         let rows = self.out.len() / (self.width * films);
-        let place = |k: usize| Vec2::new((k % GRID) as f32 + 0.5, (k / GRID) as f32 + 0.5) / GRID as f32;
-        // Which triangle is on top at each sample.
-        let mut found = [(f32::NEG_INFINITY, u32::MAX); GRID * GRID];
         let middle = Vec2::new(x as f32, y as f32);
-        for j in j0..j1 {
-            for i in i0..i1 {
-                let id = 2 * (j * (frame.nx - 1) + i) as u32;
-                for triangle in [id, id + 1] {
-                    let [a, b, c] = corners(triangle, frame.nx).map(|k| frame.vertices[k]);
-                    let [pa, pb, pc] = [a, b, c].map(|p| p.truncate() - middle);
-                    let outside = pa.min(pb).min(pc).cmpgt(Vec2::ONE).any()
-                        || pa.max(pb).max(pc).cmplt(Vec2::ZERO).any();
-                    let area = (pb - pa).perp_dot(pc - pa);
-                    if outside || area == 0.0 || !area.is_finite() {
-                        continue;
-                    }
-                    for (k, found) in found.iter_mut().enumerate() {
-                        let p = place(k);
-                        let wb = (p - pc).perp_dot(pa - pc) / -area;
-                        let wc = (pb - pa).perp_dot(p - pa) / area;
-                        let wa = 1.0 - wb - wc;
-                        let value = a.z * wa + b.z * wb + c.z * wc;
-                        if wa.min(wb).min(wc) >= -1e-4 && value > found.0 {
-                            *found = (value, triangle);
-                        }
-                    }
-                }
-            }
+        let mut pieces = std::mem::take(&mut self.pieces);
+        if !cut(frame.vertices, frame.nx, middle, [i0, i1, j0, j1], &mut pieces) {
+            sample(frame.vertices, frame.nx, middle, [i0, i1, j0, j1], &mut pieces);
         }
         // The light on each.
         let row = [once.view.row(y), once.view.row(y + 1)];
         let mut light = vec![Vec3::ZERO; films];
-        let (mut squares, mut count) = (Vec3::ZERO, 0.0f32);
-        for first in (0..GRID * GRID).step_by(WIDTH) {
+        let (mut squares, mut whole) = (Vec3::ZERO, 0.0f32);
+        for batch in pieces.chunks(WIDTH) {
             let (mut points, mut normals) = (Vectors::all(Vec3::ZERO), Vectors::all(Vec3::Z));
             let mut albedos = [Vec3::ZERO; WIDTH];
-            let (mut seen, mut corner) = ([false; WIDTH], [0; WIDTH]);
-            for lane in 0..WIDTH {
-                let (value, triangle) = found[first + lane];
-                if triangle == u32::MAX {
-                    continue;
-                }
-                let at = place(first + lane);
+            let mut corner = [0; WIDTH];
+            for (lane, piece) in batch.iter().enumerate() {
+                let at = piece.at;
                 let ray: [Vec3; 2] = std::array::from_fn(|k| {
                     let between = |row: &[[Vec3; 2]]| row[x][k].lerp(row[x + 1][k], at.x);
                     between(row[0]).lerp(between(row[1]), at.y)
                 });
-                let p = super::View::point(ray, value);
-                let n = frame.normal(triangle);
+                let p = super::View::point(ray, piece.value);
+                let n = frame.normal(piece.triangle);
                 (points.x.0[lane], points.y.0[lane], points.z.0[lane]) = p.into();
                 (normals.x.0[lane], normals.y.0[lane], normals.z.0[lane]) = n.into();
-                albedos[lane] = frame.albedo_at(triangle, p);
-                seen[lane] = true;
+                albedos[lane] = frame.albedo_at(piece.triangle, p);
                 let like = |k: usize| {
                     let far = at.distance_squared(Vec2::new((k % 2) as f32, (k / 2) as f32));
                     n.dot(corner_normals[k]) - NEARNESS * far
@@ -129,28 +216,29 @@ impl Desk<'_> {
             let v = Eight(std::array::from_fn(|k| at(y + corner[k] / 2, y0, y1)));
             self.sums.fill(Vectors::all(Vec3::ZERO));
             self.block.light([u, v], points, normals, &once.radiances, &mut self.sums);
-            for lane in (0..WIDTH).filter(|&lane| seen[lane]) {
+            for (lane, piece) in batch.iter().enumerate() {
                 for (film, (sum, light)) in self.sums.iter().zip(&mut light).enumerate() {
                     let value =
                         albedos[lane] * Vec3::new(sum.x.0[lane], sum.y.0[lane], sum.z.0[lane]) * FRAC_1_PI;
-                    *light += value;
+                    *light += value * piece.part;
                     if film == 0 {
-                        squares += value * value;
+                        squares += value * value * piece.part;
                     }
                 }
-                count += 1.0;
+                whole += piece.part;
             }
         }
-        if count == 0.0 {
+        self.pieces = pieces;
+        if whole <= 0.0 {
             self.cornered(x, y, [x0, y0, x1, y1]);
             return;
         }
-        let variance = squares / count - (light[0] / count) * (light[0] / count);
+        let variance = squares / whole - (light[0] / whole) * (light[0] / whole);
         *self.spread += SAMPLED_ERROR * f64::from(variance.element_sum().max(0.0));
         for (film, light) in light.iter().enumerate() {
             let veil = once.veil(film, films, x, y);
             self.out[(film * rows + y - self.first) * self.width + x] =
-                *light / count * once.transmitted(x, y) + veil;
+                *light / whole * once.transmitted(x, y) + veil;
         }
     }
 

@@ -2,6 +2,7 @@
 //! pixels at a time.
 
 use super::bounce::Cell;
+use super::crease::Piece;
 use super::frame::{Frame, NODE_PX, Toward, uv};
 use super::lanes::{Eight, Mask, Vectors, WIDTH, Work};
 use super::shade::Block;
@@ -15,6 +16,10 @@ use std::f32::consts::FRAC_1_PI;
 const CREASE: f32 = 0.2;
 /// Where a pixel's corners differ in height by more than this many pixels, they see different things.
 const STEEPEST: f32 = 8.0;
+/// Flanks steeper than this, as the part of the normal towards the eye, count as this steep.
+const LEVEL: f32 = 0.05;
+/// A block within which so much of the light comes and goes is divided, whatever its middle says.
+const JUMP: f32 = 0.5;
 /// Where nothing is seen.
 const NOWHERE: f32 = 1e30;
 
@@ -48,6 +53,8 @@ pub struct Desk<'a> {
     /// Nodes of a block that is being divided, and its parts that wait.
     pub arena: Vec<f32>,
     pub waiting: Vec<(Rectangle, [usize; 4])>,
+    /// Of the pixel over a crease at hand.
+    pub pieces: Vec<Piece>,
     pub cell_px: usize,
     pub cells: &'a mut [Cell],
     pub light: &'a mut [Vec3],
@@ -121,6 +128,7 @@ impl Work for Row<'_> {
             sums,
             arena,
             waiting,
+            pieces: Vec::new(),
             cell_px,
             cells,
             light,
@@ -228,8 +236,10 @@ impl Desk<'_> {
         }
         let (mx, my) = ((x0 + x1) / 2, (y0 + y1) / 2);
         let curved = || {
-            let mean = 0.25 * four.iter().map(|n| n[POSITION + 2]).sum::<f32>();
-            (self.point(mx, my).z - mean).abs() > effort.curved_mm
+            let [a, b, c, d] = four.map(|n| n[POSITION + 2]);
+            let mean = 0.25 * (a + b + c + d);
+            // (The second tells a crease that cuts off a corner.)
+            (self.point(mx, my).z - mean).abs() > effort.curved_mm || (a + d - b - c).abs() > effort.curved_mm
         };
         let wanted = if size > effort.block_mm || curved() {
             Finer::Fields
@@ -265,13 +275,13 @@ impl Desk<'_> {
         let [a, b, c, d] = four.map(|n| Vec3::from_slice(&n[POSITION..]));
         let normal = (c - b).cross(d - a).normalize_or(Vec3::Z);
         let normal = if normal.z < 0.0 { -normal } else { normal };
-        let mut wrong = 0.0;
+        let (mut wrong, mut jumped) = (0.0, 0.0);
         for (l, source) in frame.once.sources.iter().enumerate().filter(|(l, _)| flagged(*l)) {
             let light = vector(slots.direct(l)).dot(normal).max(0.0) * frame.strength(l);
             if light <= frame.effort.shadow * frame.level {
                 continue;
             }
-            let mut departs = 0.0;
+            let (mut departs, mut jumps) = (0.0, 0.0f32);
             for k in (0..LINES).step_by(COARSE) {
                 let line = match slots.varying() {
                     true => [0, 3].map(|end| vector(slots.line(l, k) + end)),
@@ -282,10 +292,14 @@ impl Desk<'_> {
                     |slope: f32| ((slope - sight.from) / (sight.to - sight.from).max(1e-6)).clamp(0.0, 1.0);
                 let horizon = sight.horizon(frame.heights, p, slots.bent());
                 departs += (cut(horizon) - cut(between(slots.horizons(l) + k))).abs();
+                let cuts = four.map(|n| cut(n[slots.horizons(l) + k]));
+                let most = cuts.iter().fold(0.0f32, |most, c| most.max(*c));
+                jumps += most - cuts.iter().fold(1.0f32, |least, c| least.min(*c));
             }
             wrong += light * departs / 3.0;
+            jumped += light * jumps / 3.0;
         }
-        wrong > frame.effort.shadow * frame.level
+        jumped > JUMP * frame.level || wrong > frame.effort.shadow * frame.level
     }
 
     /// Shades a block, eight pixels at a time: of narrow blocks several rows at once.
@@ -357,6 +371,7 @@ impl Desk<'_> {
     fn count(&mut self, lanes: Lanes, points: Vectors, normals: Vectors, not: Mask) {
         let columns = self.width.div_ceil(self.cell_px);
         let cells = self.cells.len();
+        let eye = self.frame.once.view.camera.origin;
         for i in 0..lanes.count {
             let (x, y) = lanes.pixel(i);
             if not.lane(i) || (self.cell_px >= 4 && y % 4 != 1) {
@@ -366,10 +381,14 @@ impl Desk<'_> {
             let pick = |v: &Vectors| Vec3::new(v.x.0[i], v.y.0[i], v.z.0[i]);
             let cell = &mut self.cells[k];
             cell.position += pick(&points);
-            cell.normal += pick(&normals);
+            // What a cell sends goes by its area: a flank's is larger than its picture, most so where it looks away.
+            let to_eye = (eye - pick(&points)).normalize_or(Vec3::Z);
+            let weight = to_eye.z / pick(&normals).dot(to_eye).max(LEVEL * to_eye.z);
+            cell.normal += pick(&normals) * weight;
+            cell.area += weight;
             cell.count += 1.0;
             for (film, sum) in self.sums.iter().enumerate() {
-                self.light[film * cells + k] += pick(sum);
+                self.light[film * cells + k] += pick(sum) * weight;
             }
         }
     }

@@ -5,7 +5,7 @@
 //! pad's rim, a fold, a wall in front) the pixel is the mean of what its corners see.
 
 use super::Precomputed;
-use super::bounce::{self, Cell, Cells, Untouched};
+use super::bounce::{self, Cell, Cells, Rest, Untouched};
 use super::desk::Row;
 use super::horizon::Heights;
 use super::lanes::{Vectors, WIDTH, Work, with_widest};
@@ -56,6 +56,8 @@ pub struct Pictures {
     pub films: Vec<Film>,
     /// Sum over pixels and channels of the squares of what the bounce changed (of the last picture).
     pub bounced: f64,
+    /// Mean square of what walls gave back of the press, as a part of the mean light.
+    pub echoed: f64,
     /// Rms over the face of |n - n0|^2, which tells how steep the press made it.
     pub steepness: f64,
     /// Sum over pixels and channels of the variances of what mixed pixels are means of (of the first picture).
@@ -133,31 +135,40 @@ impl Frame<'_> {
         let films = by_film(pixels, NODE_PX * width, films);
         let lights = by_film(light, in_row, films.len());
         let mut all: Vec<Film> = films.into_iter().map(|pixels| Film { width, height, pixels }).collect();
-        let mut bounced = 0.0;
+        let (mut bounced, mut echoed) = (0.0, 0.0);
         if self.effort.bounce {
             let albedo = match self.albedo {
                 Albedo::Constant(albedo) => *albedo,
                 Albedo::Texture(texture) => texture.mean(),
             };
             let edge_mm = cell_px as f32 * self.once.pixel_mm;
-            let cells = Cells { size, edge_mm, cells: &cells, lights: &lights, albedo };
+            // (Of large cells a part of the rows counts.)
+            let most_count = (cell_px * cell_px) as f32 * if cell_px >= 4 { 0.25 } else { 1.0 };
+            let (eye, echo) = (camera.origin, self.once.tables.echo.as_ref());
+            let cells =
+                Cells { size, edge_mm, cells: &cells, lights: &lights, most_count, albedo, eye, echo };
             let grids = match lights.len() {
                 1 => std::slice::from_ref(&self.once.total),
                 _ => &self.once.tables.probes[..],
             };
             let grounds = if lights.len() == 1 { &self.once.grounds[..1] } else { &self.once.grounds[1..] };
-            let gains = cells.gains(|film, p| Untouched {
+            let untouched = |film: usize, p: Vec3| Untouched {
                 sky: grids[film].at(p),
                 // (Under the table it holds what it has at the untouched face.)
                 ground: Vec3::from(grounds[film].at(p.with_z(f32::MIN))),
-            });
-            for (k, (film, gains)) in all.iter_mut().zip(&gains).enumerate() {
+            };
+            let rest =
+                |p: Vec3| Rest { lift: self.once.total.lift(p), normal: self.once.total.rest_normal(p) };
+            let changes = cells.changes(untouched, rest);
+            echoed = changes.echoed;
+            for (k, (film, gains)) in all.iter_mut().zip(&changes.gains).enumerate() {
                 bounced = self.apply(film, [k, lights.len()], gains, size[0], cell_px);
             }
         }
         Pictures {
             films: all,
             bounced,
+            echoed,
             steepness: steepness(&cells, |p| self.once.total.rest_normal(p)),
             spread: spreads.iter().sum(),
         }
@@ -165,7 +176,7 @@ impl Frame<'_> {
 
     /// Pixels along the edge of a cell of the bounce.
     fn cell_px(&self) -> usize {
-        [8, 4, 2].into_iter().find(|n| *n as f32 * self.once.pixel_mm <= CELL_MM).unwrap_or(1)
+        cell_px(self.once.pixel_mm)
     }
 
     /// Multiplies a picture by its gains, bilinear between the middles of cells; the sum of squares of what changes.
@@ -376,6 +387,11 @@ impl Frame<'_> {
         node[slots.light(l)] =
             if hides { f32::from(1 + u8::from(uneven || self.effort.thorough)) } else { 0.0 };
     }
+}
+
+/// Pixels along the edge of a cell of the bounce.
+pub fn cell_px(pixel_mm: f32) -> usize {
+    [8, 4, 2].into_iter().find(|n| *n as f32 * pixel_mm <= CELL_MM).unwrap_or(1)
 }
 
 /// A line of a light as it is looked at from a point of the pad.

@@ -112,6 +112,12 @@ impl Mask {
         self.0[i]
     }
 
+    /// Vectors where set `a`, else `b`.
+    #[inline(always)]
+    pub fn pick(self, a: Vectors, b: Vectors) -> Vectors {
+        Vectors { x: self.choose(a.x, b.x), y: self.choose(a.y, b.y), z: self.choose(a.z, b.z) }
+    }
+
     /// Where set `a`, else `b`.
     #[inline(always)]
     pub fn choose(self, a: Eight, b: Eight) -> Eight {
@@ -189,6 +195,13 @@ impl Vectors {
     #[inline(always)]
     pub fn scaled(self, s: Eight) -> Self {
         Self { x: self.x * s, y: self.y * s, z: self.z * s }
+    }
+
+    /// Sums over the eight, by component.
+    #[inline(always)]
+    pub fn sums(self) -> glam::Vec3 {
+        let sum = |e: Eight| e.0.iter().sum::<f32>();
+        glam::Vec3::new(sum(self.x), sum(self.y), sum(self.z))
     }
 
     /// Of length 1; what has no length becomes 0.

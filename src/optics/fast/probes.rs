@@ -55,12 +55,26 @@ pub fn irradiance(numbers: &[f32; NUMBERS], n: Vec3) -> Vec3 {
 /// The irradiance of one normal at eight places, from their numbers.
 #[inline(always)]
 pub fn irradiance_of(numbers: &[Eight; NUMBERS], n: Vec3) -> Vectors {
+    let zero = Eight::all(0.0);
+    let e = change_of(numbers, n);
+    Vectors { x: e.x.max(zero), y: e.y.max(zero), z: e.z.max(zero) }
+}
+
+/// What a node's numbers tell for a normal, where they are a change and may be below 0.
+pub fn change(numbers: &[f32; NUMBERS], n: Vec3) -> Vec3 {
+    let t = terms(n);
+    let sum = |c: usize| (0..TERMS).map(|k| numbers[3 * k + c] * t[k]).sum::<f32>();
+    Vec3::new(sum(0), sum(1), sum(2))
+}
+
+#[inline(always)]
+fn change_of(numbers: &[Eight; NUMBERS], n: Vec3) -> Vectors {
     let t = terms(n);
     let mut e = [Eight::all(0.0); 3];
     for k in 0..NUMBERS {
         e[k % 3] = e[k % 3] + numbers[k] * Eight::all(t[k / 3]);
     }
-    let [x, y, z] = e.map(|e| e.max(Eight::all(0.0)));
+    let [x, y, z] = e;
     Vectors { x, y, z }
 }
 
@@ -71,14 +85,12 @@ pub fn gather(
     layout: &Layout,
     rest: impl Fn(Vec2) -> f32 + Sync,
 ) -> Vec<Grid<NUMBERS>> {
-    let directions = sphere(RAYS);
     let places = Places::new(layout, rest);
-    let curved = usize::from(places.is_curved());
-    let kernel = kernel(&directions, HALF_WEIGHT[curved]);
+    let (directions, kernel) = looks(places.is_curved());
     let nodes: Vec<Vec<[f32; NUMBERS]>> = (0..places.count())
         .into_par_iter()
         .map(|node| {
-            let origin = places.point(node) + Vec3::Z * CLEARANCE_MM[curved];
+            let origin = places.point(node) + Vec3::Z * clearance(places.is_curved());
             let mut numbers = vec![[0.0; NUMBERS]; solved.lights];
             for (k, (direction, weights)) in directions.iter().zip(&kernel).enumerate() {
                 let mut dice = hash(node as u32, k as u32);
@@ -122,6 +134,18 @@ pub fn grey(grid: &Grid<NUMBERS>) -> Option<Grid<TERMS>> {
     let same = |n: &[f32; NUMBERS]| n.chunks_exact(3).all(|c| c[0] == c[1] && c[1] == c[2]);
     let one = |n: &[f32; NUMBERS]| std::array::from_fn(|k| n[3 * k]);
     values.iter().all(same).then(|| Grid::from_values(places.clone(), values.iter().map(one).collect()))
+}
+
+/// Directions to look into, and what radiance 1 from each adds to each term.
+pub fn looks(curved: bool) -> (Vec<Vec3>, Vec<[f32; TERMS]>) {
+    let directions = sphere(RAYS);
+    let kernel = kernel(&directions, HALF_WEIGHT[usize::from(curved)]);
+    (directions, kernel)
+}
+
+/// How far above the untouched face the lowest nodes are, mm.
+pub fn clearance(curved: bool) -> f32 {
+    CLEARANCE_MM[usize::from(curved)]
 }
 
 /// Evenly spread directions (the Fibonacci lattice).

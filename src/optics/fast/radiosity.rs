@@ -118,10 +118,20 @@ fn covered(world: &World, point: Vec3, normal: Vec3) -> bool {
 /// How near, in offsets (an offset is 2e-6 of the scene).
 const COVER: f32 = 200.0;
 
-/// The elements met by the rays of one, [`NOTHING`] where a ray meets none.
 fn row(world: &World, element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec<u32> {
-    let sampler = Sampler::new(0x6a74, element as u32, 0, RAYS);
-    (0..RAYS)
+    met_by(world, element, RAYS, buried)
+}
+
+/// The element that a ray met, of what [`met_by`] tells; one that is none where it met nothing.
+pub fn element_of(met: u32) -> u32 {
+    if met == NOTHING { NOTHING } else { met & !LIT }
+}
+
+/// The elements met by the rays of one, [`NOTHING`] where a ray meets none; rays from points that something covers are
+/// left out.
+pub fn met_by(world: &World, element: usize, rays: u32, buried: &impl Fn(Vec3) -> bool) -> Vec<u32> {
+    let sampler = Sampler::new(0x6a74, element as u32, 0, rays);
+    (0..rays)
         .filter_map(|i| {
             let [u, v, a, b] = sampler.group(i, 0);
             let (point, normal) = world.point(element, [u, v]);

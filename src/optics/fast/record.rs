@@ -1,12 +1,13 @@
 //! What was worked out once, as bytes, and the key that it follows from.
 
+use super::echo::Echo;
 use super::grid::{Grid, Places};
 use super::{Precomputed, Tables};
 use crate::optics::{Albedo, Material, Mesh, Role, Scene};
 use glam::{Vec2, Vec3};
 
 /// Changes whenever tables of the same scene would be worked out differently, or are written differently.
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 4;
 
 /// The hash of everything that the tables follow from.
 pub fn key(scene: &Scene) -> [u8; 32] {
@@ -82,6 +83,15 @@ pub fn encode(tables: &Tables) -> Vec<u8> {
     for vectors in tables.fixed_lights.iter().chain(&tables.veils) {
         words(&mut out, &mut vectors.iter().flat_map(|v| v.to_array()));
     }
+    if let Some(echo) = &tables.echo {
+        let (numbers, nodes, rest) = echo.places.parts();
+        words(&mut out, &mut [echo.size[0], echo.size[1], echo.groups].into_iter().map(|n| n as f32));
+        words(&mut out, &mut echo.ends.iter().map(|end| f32::from(*end)));
+        words(&mut out, &mut numbers.into_iter());
+        words(&mut out, &mut nodes.into_iter().map(|n| n as f32));
+        words(&mut out, &mut rest.iter().copied());
+        words(&mut out, &mut echo.response.iter().copied());
+    }
     out
 }
 
@@ -100,7 +110,8 @@ pub fn decode(bytes: &[u8]) -> Option<Tables> {
     let fixed = reader.words()?;
     let fixed_lights = (0..lights).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
     let veils = (0..veils as usize).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
-    reader.bytes.is_empty().then_some(Tables { direct, probes, fixed, fixed_lights, veils })
+    let echo = if reader.bytes.is_empty() { None } else { Some(reader.echo()?) };
+    reader.bytes.is_empty().then_some(Tables { direct, probes, fixed, fixed_lights, veils, echo })
 }
 
 struct Reader<'a> {
@@ -120,10 +131,22 @@ impl Reader<'_> {
         Some(self.words()?.chunks_exact(3).map(Vec3::from_slice).collect())
     }
 
-    fn grid<const N: usize>(&mut self) -> Option<Grid<N>> {
+    fn echo(&mut self) -> Option<Echo> {
+        let [nx, ny, groups] = self.words()?[..] else { return None };
+        let ends = self.words()?.iter().map(|end| *end as u16).collect();
+        let (places, response) = (self.places()?, self.words()?);
+        let echo = Echo { size: [nx as usize, ny as usize], ends, places, response, groups: groups as usize };
+        echo.fits().then_some(echo)
+    }
+
+    fn places(&mut self) -> Option<Places> {
         let numbers: [f32; 6] = self.words()?.try_into().ok()?;
         let nodes: [f32; 3] = self.words()?.try_into().ok()?;
-        let places = Places::from_parts(numbers, nodes.map(|n| n as usize), self.words()?)?;
+        Places::from_parts(numbers, nodes.map(|n| n as usize), self.words()?)
+    }
+
+    fn grid<const N: usize>(&mut self) -> Option<Grid<N>> {
+        let places = self.places()?;
         let values: Vec<[f32; N]> = self.words()?.as_chunks::<N>().0.to_vec();
         (values.len() == places.count()).then(|| Grid::from_values(places, values))
     }

@@ -215,6 +215,22 @@ impl World {
         (a + (b - a) * s + (c - a) * t, if element.is_multiple_of(2) { normal } else { -normal })
     }
 
+    /// Area of an element, mm^2.
+    pub fn area(&self, element: usize) -> f32 {
+        let patch = (element / 2) as u32;
+        let part = &self.parts[self.parts.partition_point(|p| p.first_patch <= patch) - 1];
+        let [a, b, c] = [[0.001, 0.001], [0.998, 0.001], [0.001, 0.998]].map(|u| self.point(element, u).0);
+        let whole = (b - a).cross(c - a).length() * (1.0 / (0.997 * 0.997));
+        if matches!(part.cut, Cut::Triangles { .. }) { 0.5 * whole } else { whole }
+    }
+
+    /// Longest edge of the box around everything, mm.
+    pub fn extent(&self) -> f32 {
+        let inf = Vec3::splat(f32::INFINITY);
+        let [low, high] = self.corners.iter().flatten().fold([inf, -inf], |[l, h], p| [l.min(*p), h.max(*p)]);
+        (high - low).max_element()
+    }
+
     /// Reflectance of an element, and the light whose patch it is.
     pub fn element(&self, element: usize) -> (Vec3, Option<usize>) {
         let patch = (element / 2) as u32;
