@@ -75,7 +75,11 @@ pub(super) fn solid(spec: &IndenterSpec, round: f64) -> Result<Solid, RoundTooLa
 fn erode(outline: &Outline, round: f64, room: f64) -> Result<Outline, RoundTooLarge> {
     let core = outline.eroded(round);
     // All room taken leaves a point or a line, of which the half beside the axis may be nothing.
-    if (round > 0.0 && round >= room - 1e-6) || core.is_empty() { Err(RoundTooLarge { largest_mm: room }) } else { Ok(core) }
+    if (round > 0.0 && round >= room - 1e-6) || core.is_empty() {
+        Err(RoundTooLarge { largest_mm: room })
+    } else {
+        Ok(core)
+    }
 }
 
 /// Erodes a section and puts its tip back to height 0, where rounding may have raised it.
