@@ -42,6 +42,7 @@ use crate::indenter::Indenter;
 use crate::pose::Pose;
 use cascade::{FINEST, Patience, REFINED, Step, follow, rest_at};
 use level::Level;
+use refinement::UNRESOLVED;
 pub use resolution::Resolution;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -67,6 +68,8 @@ pub struct QuasiStaticSolver {
     refined_in_vain: bool,
     /// Whether the answer without the finer cells was of use, too.
     dispensable: bool,
+    /// Whether a drag goes on without them.
+    coarse_drag: bool,
     /// Where the pad was last at rest, and the waypoints since then.
     path: Vec<Pose>,
     pad: Body,
@@ -83,9 +86,6 @@ struct Body {
     material: Material,
     friction: Friction,
 }
-
-/// A stated error with which an answer is none.
-const UNRESOLVED: f64 = 0.2;
 
 impl QuasiStaticSolver {
     /// A solver for `pad` as overridden by `settings`, with the indenter at `start`.
@@ -145,6 +145,7 @@ impl QuasiStaticSolver {
             unrefined: None,
             refined_in_vain: false,
             dispensable: false,
+            coarse_drag: false,
             resolution,
             wanted,
             path: vec![*start],
@@ -232,6 +233,7 @@ impl Elastomer for QuasiStaticSolver {
             unrefined: self.unrefined.as_ref().map(|levels| levels.iter().map(Step::fork).collect()),
             refined_in_vain: self.refined_in_vain,
             dispensable: self.dispensable,
+            coarse_drag: self.coarse_drag,
             resolution: self.resolution,
             wanted: self.wanted,
             path: self.path.clone(),

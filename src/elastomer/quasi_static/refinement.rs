@@ -19,6 +19,10 @@ const GOOD_ENOUGH: f64 = 1.5;
 const WORTHWHILE: f64 = 4.0 / 3.0;
 /// The same for whoever has gone on from the first press: the way is longer, and friction lets the statement waver.
 const WORTHWHILE_LATER: f64 = 8.0 / 3.0;
+/// A stated error with which an answer is none.
+pub const UNRESOLVED: f64 = 0.2;
+/// A stated error with which a press is fit to be dragged: dragging adds to it.
+const OF_USE: f64 = UNRESOLVED / 2.0;
 
 /// Stated error that finer cells aim at.
 pub fn wanted(tolerance: f64) -> f64 {
@@ -44,7 +48,7 @@ impl QuasiStaticSolver {
             }
             let Some(finer) = self.resolution.refined(self.pad.size_mm, stated, wanted) else { break };
             if self.unrefined.is_none() {
-                self.dispensable = stated <= WORTHWHILE_LATER * wanted;
+                self.dispensable = stated <= (WORTHWHILE_LATER * wanted).min(OF_USE);
             }
             match self.again_finer(finer, pose) {
                 Ok(()) => *ended = Ok(()),
@@ -63,8 +67,9 @@ impl QuasiStaticSolver {
 
     /// Stated error beyond which finer cells are tried.
     fn acceptable(&self) -> Option<f64> {
+        let wanted = self.wanted?;
         let worthwhile = if self.path.len() > 1 { WORTHWHILE_LATER } else { WORTHWHILE };
-        self.wanted.map(|wanted| worthwhile * wanted)
+        Some(if self.coarse_drag { UNRESOLVED } else { (worthwhile * wanted).min(UNRESOLVED) })
     }
 
     /// Whether the way to `pose` drags the face along.
@@ -79,7 +84,7 @@ impl QuasiStaticSolver {
     /// dragging is not.
     pub(super) fn again_unrefined(&mut self) -> Result<(), Error> {
         self.leave_refined();
-        self.refined_in_vain = true;
+        self.coarse_drag = true;
         let path = self.path.clone();
         path[1..].iter().try_for_each(|p| self.go(p, &FINEST))
     }
@@ -134,7 +139,7 @@ impl QuasiStaticSolver {
             return;
         }
         self.path = vec![*pose];
-        (self.refined_in_vain, self.dispensable) = (false, false);
+        (self.refined_in_vain, self.dispensable, self.coarse_drag) = (false, false, false);
         self.leave_refined();
     }
 }

@@ -495,3 +495,17 @@ fn a_press_that_states_too_much_is_solved_with_finer_cells_until_it_is_dragged_o
     assert_eq!(run(&mut s, &start).0, cells);
     assert_eq!(run(&mut s, &press).1.surface, pressed.surface);
 }
+
+#[test]
+fn a_press_of_no_use_with_coarse_cells_is_not_dragged_with_them() {
+    let settings = Settings { tolerance: 0.1, ..settings(Friction::Infinite) };
+    let start = Pose::new(0.0, 0.0, 0.5, 0.0);
+    let sphere = Arc::new(Sphere(4.0));
+    let mut s = QuasiStaticSolver::new(&pad(Law::NeoHookean), &settings, sphere, &start).expect("in range");
+    // A contact of the size of a cell.
+    for n in 0..3 {
+        s.advance(&Pose::new(0.1 * f64::from(n), 0.0, -0.1, 0.0)).expect("an easy way");
+        let stated = s.capture(2, 2).expect("a lattice").stats.estimated_error.expect("a press");
+        assert!(stated < settings.tolerance, "{n}: {stated}");
+    }
+}
