@@ -278,7 +278,11 @@ fn another_plan_or_a_second_writer_is_refused() {
     let mut other = asked.clone();
     other.trajectory_hash = "f".repeat(64);
     let refused = Dataset::resume(&root, &other).expect_err("refused").to_string();
-    assert!(refused.contains("another trajectory") && refused.contains("ffffffffffff"), "{refused}");
+    // The files are the same and the way is not: what the plan names must have changed.
+    assert!(refused.contains("another trajectory") && refused.contains("an indenter file"), "{refused}");
+    other.plan_toml = "seed = 7".into();
+    let refused = Dataset::resume(&root, &other).expect_err("refused").to_string();
+    assert!(refused.contains("seed of the plan file was absent and is 7"), "{refused}");
     let again = Dataset::create(&root, asked, &trajectory).expect_err("exists").to_string();
     assert!(again.contains("--resume"), "{again}");
 }

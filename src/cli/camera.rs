@@ -97,6 +97,12 @@ impl Args {
             return Err(Problem::BuiltIn { rig: self.rig.rig.display().to_string() });
         }
         let mut outcome = Outcome { camera: listed(&settings), ..Outcome::default() };
+        let is_real = matches!(settings.source, CameraSource::V4l | CameraSource::Nokhwa);
+        if is_real && settings.device.is_some() && outcome.camera.is_none() {
+            let found: Vec<String> = list::list().into_iter().map(|c| c.device).collect();
+            let found = if found.is_empty() { "none".to_owned() } else { found.join(", ") };
+            return Err(Problem::Absent { camera: settings.label(), found });
+        }
         if self.lock {
             let lock = self.find_lock(&settings).await?;
             // The same control under another name is replaced, not doubled.
@@ -208,6 +214,10 @@ enum Problem {
     NoControls { kind: String },
     #[error("{rig} is no file that can be written; copy the shipped rig file and name the copy")]
     BuiltIn { rig: String },
+    #[error(
+        "camera {camera} is not connected; connected: {found}. Plug it in, or correct camera.device in the rig file"
+    )]
+    Absent { camera: String, found: String },
     #[error("camera {camera}: it has no exposure, gain, white balance or focus that could be locked")]
     NothingToLock { camera: String },
     #[error(transparent)]

@@ -41,13 +41,13 @@ pub struct Args {
     #[command(flatten)]
     pub rig: RigOptions,
     /// First step size, mm
-    #[arg(long, default_value_t = 0.1)]
+    #[arg(long, default_value_t = 0.1, allow_negative_numbers = true)]
     pub step: f64,
     /// Feed along lines, mm/s
-    #[arg(long, default_value_t = 2.0)]
+    #[arg(long, default_value_t = 2.0, allow_negative_numbers = true)]
     pub feed: f64,
     /// Feed of the rotation, deg/s
-    #[arg(long, default_value_t = 10.0)]
+    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true)]
     pub turn: f64,
     /// Allow heights below the nominal contact
     #[arg(long)]
@@ -58,6 +58,11 @@ pub struct Args {
 
 /// Step sizes to choose from, mm; a turning step is ten times as many degrees.
 const STEPS_MM: [f64; 7] = [0.01, 0.02, 0.05, 0.1, 0.5, 1.0, 5.0];
+/// Largest first step, mm.
+const LONGEST_STEP_MM: f64 = 10.0;
+/// Nobody stops by hand what goes faster, mm/s and degrees/s.
+const FASTEST_MM_S: f64 = 50.0;
+const FASTEST_DEG_S: f64 = 180.0;
 /// Degrees for a millimetre.
 const DEG_PER_MM: f64 = 10.0;
 /// How often the display is painted.
@@ -66,11 +71,19 @@ const PAINT: Duration = Duration::from_millis(100);
 impl Args {
     /// Runs the subcommand.
     pub async fn run(self) -> Exit {
-        if !(self.step > 0.0 && self.feed > 0.0 && self.turn > 0.0) {
-            screen::error(
-                "--step, --feed and --turn must be positive; leave them out for 0.1 mm, 2 mm/s, 10 deg/s",
-            );
-            return Exit::Refused;
+        let wished = [
+            ("step", self.step, LONGEST_STEP_MM, "mm"),
+            ("feed", self.feed, FASTEST_MM_S, "mm/s"),
+            ("turn", self.turn, FASTEST_DEG_S, "deg/s"),
+        ];
+        for (name, value, most, unit) in wished {
+            // NaN is in no range.
+            if !(value > 0.0 && value <= most) {
+                screen::error(format_args!(
+                    "--{name} {value:?} is outside 0 to {most} {unit}; choose a value inside, or leave it out; nothing was moved"
+                ));
+                return Exit::Refused;
+            }
         }
         if !terminal::is_one() {
             screen::error("jogging needs a terminal to read keys from; use `twinrig move` in a script");

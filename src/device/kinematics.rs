@@ -196,7 +196,8 @@ impl Kinematics {
         for problem in found.into_iter().filter(|p| !p.key.ends_with("max_deg")) {
             problems.push(&problem.key, problem.value, problem.allowed, problem.next);
         }
-        let reachable = is_sound && self.joints.iter().all(|j| axes.contains_key(&j.axis));
+        let limited = |a: &AxisSettings| a.min.is_finite() && a.max.is_finite() && a.min < a.max;
+        let reachable = is_sound && self.joints.iter().all(|j| axes.get(&j.axis).is_some_and(limited));
         if let (true, Err(error)) = (reachable, self.ready_joints(axes)) {
             let said = error.to_string();
             let (what, next) = said.rsplit_once("; ").unwrap_or((&said, "choose another pose"));

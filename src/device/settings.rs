@@ -166,6 +166,11 @@ impl MoverSettings {
 
     /// Reports everything that cannot be right.
     pub fn check(&self, problems: &mut Problems) {
+        if let Some(baud) = self.baud {
+            problems.range("baud", f64::from(baud), 300.0, 1e7, "baud");
+        }
+        problems.range("settle_ms", self.settle_ms as f64, 0.0, 60_000.0, "ms");
+        problems.range("stall_ms", self.stall_ms as f64, 1.0, 600_000.0, "ms");
         if self.axes.is_empty() {
             problems.push("axes", "nothing", "at least one axis", "add a table [<device>.axes.<name>]");
         }

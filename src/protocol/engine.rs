@@ -308,7 +308,12 @@ impl Engine {
             if replies.is_empty() {
                 let raw = match &unit {
                     Unit::Line(text) => String::from_utf8_lossy(text).into_owned(),
-                    other => format!("{other:?}"),
+                    Unit::Frame { header, payload } => {
+                        let fields = header.iter().map(|(name, value)| format!("{name} {}", value.to_text()));
+                        let fields = fields.collect::<Vec<_>>().join(", ");
+                        format!("a frame with {fields}, payload {}", super::value::hex(payload))
+                    }
+                    Unit::Garbled(bytes) => bytes.escape_ascii().to_string(),
                 };
                 self.strange = Some(raw.clone());
                 self.note(format!("unknown reply: {raw}"));

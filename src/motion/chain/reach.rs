@@ -116,7 +116,8 @@ impl Chain {
             let trial: Vec<f64> = (joints.iter().zip(&step).zip(&self.joints))
                 .map(|((q, dq), joint)| {
                     let moved = q + dq.clamp(-0.5, 0.5).to_degrees();
-                    if within_limits { moved.clamp(joint.min_deg, joint.max_deg) } else { moved }
+                    // Not clamp: limits that are no range are told elsewhere, and must not panic here.
+                    if within_limits { moved.max(joint.min_deg).min(joint.max_deg) } else { moved }
                 })
                 .collect();
             let then = self.weighed_error(pose, &trial);

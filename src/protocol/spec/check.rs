@@ -98,6 +98,14 @@ impl Check<'_, '_> {
 
     fn flow(&mut self) {
         let spec = self.spec;
+        let rates = std::iter::once(("link.baud", spec.link.baud));
+        let others = spec.link.baud_alternatives.iter().map(|baud| ("link.baud_alternatives", *baud));
+        for (key, baud) in rates.chain(others) {
+            self.problems.range(key, f64::from(baud), 300.0, 1e7, "baud");
+        }
+        if let Some(bytes) = spec.flow.window_bytes {
+            self.problems.range("flow.window_bytes", bytes as f64, 16.0, 65_536.0, "bytes");
+        }
         if spec.flow.mode == FlowMode::CharCount && spec.flow.window_bytes.is_none() {
             self.problems.push(
                 "flow.mode",
