@@ -121,7 +121,7 @@ fn start_logging() {
     let filter = EnvFilter::try_from_env("TWINRIG_LOG").unwrap_or_else(|_| EnvFilter::new("warn"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(std::io::stderr)
+        .with_writer(screen::log)
         .with_ansi(console::colors_enabled_stderr())
         .init();
 }

@@ -94,9 +94,49 @@ impl Problems {
     }
 }
 
+/// More digits in a row than anybody reads.
+const LEGIBLE_DIGITS: usize = 24;
+
+/// The text with its longest numbers in short: nobody counts the noughts of a number of three hundred digits.
+pub fn legible(text: &str) -> String {
+    let is_of_number = |c: char| c.is_ascii_digit() || c == '.';
+    let mut shown = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(begin) = rest.find(|c: char| c.is_ascii_digit()) {
+        let (before, from) = rest.split_at(begin);
+        let number = &from[..from.find(|c| !is_of_number(c)).unwrap_or(from.len())];
+        let after = &from[number.len()..];
+        // Part of a name or a path is no number.
+        let is_free = |c: Option<char>| c.is_none_or(|c| !(c.is_alphanumeric() || matches!(c, '_' | '/')));
+        let is_alone = is_free(before.chars().next_back()) && is_free(after.chars().next());
+        let short = number.trim_end_matches('.').parse::<f64>();
+        shown.push_str(before);
+        match short {
+            Ok(value) if number.len() > LEGIBLE_DIGITS && is_alone => {
+                let dot = if number.ends_with('.') { "." } else { "" };
+                shown.push_str(&format!("{value:e}{dot}"));
+            }
+            _ => shown.push_str(number),
+        }
+        rest = after;
+    }
+    shown + rest
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn long_numbers_are_told_in_short() {
+        let long = format!("x {:.3} to {} mm, {}", 1e300, -1e300, f64::MIN_POSITIVE);
+        assert_eq!(legible(&long), "x 1e300 to -1e300 mm, 2.2250738585072014e-308");
+        for kept in ["", "0.30000000000000004 and 12.5.", "1e300", "/a/111111111111111111111111111111", "é 7"]
+        {
+            assert_eq!(legible(kept), kept);
+        }
+        assert_eq!(legible(&format!("It is {}.", 1e30)), "It is 1e30.");
+    }
 
     #[test]
     fn prefixes_nest_and_lists_read_naturally() {

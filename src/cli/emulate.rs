@@ -1,20 +1,21 @@
 //! `twinrig emulate PROTOCOL --link PATH`: a firmware emulator for other people's clients.
 //!
 //! Opens a pseudo-terminal, links its far end at PATH, and answers there as the firmware would, in its own
-//! time, until it is interrupted. PROTOCOL is the name of a shipped protocol (`grbl`, `marlin`, ...) or the
+//! time, until it is interrupted. A controller that has settings is set up as one that a rig uses (a GRBL homes); with
+//! `--setting` it is otherwise. A path at which another emulator answers is refused. PROTOCOL is the name of a shipped protocol (`grbl`, `marlin`, ...) or the
 //! path of a protocol file with an `[emulator]` table.
 
 use super::exit::Exit;
 use super::options::Speed;
 use super::screen;
-use super::signals::Signals;
+use super::signals::on_each;
 use crate::clock::Clock;
 use crate::device::virtual_bench::serve::pty::{PortOptions, serve_port};
 use crate::device::virtual_bench::{Emulator, EmulatorOptions, Fault, FaultPlan, Faulty, World};
-use crate::session::StopSwitch;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
+use tokio::sync::Notify;
 
 /// Serve a firmware emulator on a pseudo-terminal
 #[derive(Debug, clap::Args)]
@@ -31,8 +32,19 @@ pub struct Args {
     /// swallow_request or mute, at a reply or a byte of the replies (from 0) or so long after the start
     #[arg(long = "fault", value_name = "KIND@PLACE")]
     pub faults: Vec<Fault>,
+    /// A stored setting that differs, such as 22=0 for a GRBL as it comes, which does not home
+    #[arg(long = "setting", value_name = "KEY=VALUE", value_parser = setting)]
+    pub settings: Vec<(String, String)>,
     #[command(flatten)]
     pub speed: Speed,
+}
+
+fn setting(text: &str) -> Result<(String, String), String> {
+    let pair = text.split_once('=').map(|(key, value)| (key.trim_start_matches('$'), value));
+    let (key, value) = pair
+        .filter(|(key, value)| !key.is_empty() && !value.is_empty())
+        .ok_or("write the name of the setting, an equals sign and its value: 22=0")?;
+    Ok((key.to_owned(), value.to_owned()))
 }
 
 impl Args {
@@ -53,7 +65,8 @@ impl Args {
             return Exit::Refused;
         };
         let clock = Clock::with_speed(self.speed.speed);
-        let options = EmulatorOptions::default();
+        let settings = self.settings.iter().cloned().collect();
+        let options = EmulatorOptions { set_up: true, settings, ..EmulatorOptions::default() };
         let world = World::without_pad();
         let emulator =
             match Emulator::new(described, "emulated", &BTreeMap::new(), &options, world, clock.now()) {
@@ -64,13 +77,13 @@ impl Args {
                 }
             };
         let device = Arc::new(Mutex::new(Faulty::new(emulator, FaultPlan(self.faults.clone()), clock.now())));
-        let signals = match Signals::listen(StopSwitch::new()) {
-            Ok(signals) => signals,
-            Err(e) => {
-                screen::error(format_args!("signals cannot be caught: {e}"));
-                return Exit::Failed;
-            }
-        };
+        // An emulator is ended by a signal and by nothing else: that is its proper end, of which nobody need be told.
+        let ended = Arc::new(Notify::new());
+        let end = ended.clone();
+        if let Err(e) = on_each(move |_| end.notify_one()) {
+            screen::error(format_args!("signals cannot be caught: {e}"));
+            return Exit::Failed;
+        }
         let options = PortOptions { link: Some(self.link.clone()), reset_on_open: false };
         let served = serve_port(&device, clock, &options, |path| {
             screen::result(format_args!("{} answers at {}", self.protocol, path.display()));
@@ -83,8 +96,7 @@ impl Args {
                     Exit::Failed
                 }
             },
-            // An emulator is ended by a signal and by nothing else: that is its proper end.
-            () = signals.received() => Exit::Done,
+            () = ended.notified() => Exit::Done,
         }
     }
 }

@@ -109,6 +109,7 @@ impl Args {
         let stop = at.assembled.bench.stop.clone();
         let jog = Jog::new(&mut at.assembled.bench, pace, self.press, hold, wished, view);
         let mut jogged = Box::pin(jog.run());
+        let alone = screen::alone(terminal::put_back);
         let mut painted = 0;
         // Not a sleep of its own in every turn: the repeats of a held key would put it off for ever.
         let mut paint = tokio::time::interval(PAINT);
@@ -135,13 +136,13 @@ impl Args {
                     None => {}
                 },
                 _ = paint.tick() => {
-                    let lines = display.lines(&seen.borrow(), pace);
+                    let lines = display.lines(&seen.borrow(), pace, alone.latest());
                     screen::paint(&lines, painted);
                     painted = lines.len();
                 }
             }
         };
-        drop((terminal, jogged));
+        drop((terminal, jogged, alone));
         if ended.is_err() {
             stop.raise(StopLevel::Controlled);
         }
@@ -184,7 +185,7 @@ impl Display {
         Display { ranges, board, tells_repeats }
     }
 
-    fn lines(&self, view: &View, pace: Pace) -> Vec<String> {
+    fn lines(&self, view: &View, pace: Pace, latest: Option<String>) -> Vec<String> {
         // What the devices last told, also while they move.
         let pose = self.board.status(StopLevel::Running).pose.or(view.pose);
         let mut lines = Vec::new();
@@ -216,6 +217,7 @@ impl Display {
             );
         }
         lines.push(view.says.clone());
+        lines.push(latest.unwrap_or_default());
         lines
     }
 }

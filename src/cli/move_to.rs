@@ -117,8 +117,17 @@ impl Args {
                 return Exit::Refused;
             }
         }
+        if !bench.is_referenced() && !self.home {
+            screen::error(
+                "the axes are not homed: every `twinrig move` is a session of its own, and nobody knows what happened before it; add --home (it homes first), or use `twinrig jog`; nothing was moved",
+            );
+            return Exit::Refused;
+        }
+        let feeds = Feeds { mm_s: self.feed, deg_s: self.turn };
         let moved = async {
-            if !bench.is_referenced() && self.home {
+            if !bench.is_referenced() {
+                let given = |coordinate| wanted.iter().find(|(c, _)| *c == coordinate).and_then(|(_, v)| *v);
+                bench.refuse_from_home(given, feeds).await?;
                 bench.home().await?;
             }
             let (from, _) = bench.measured().await?;
@@ -132,7 +141,7 @@ impl Args {
             if self.z.is_none() && to.z_mm < SURFACE_MM && !self.press {
                 return Ok(Some(to.z_mm));
             }
-            bench.go(&to, Feeds { mm_s: self.feed, deg_s: self.turn }).await?;
+            bench.go(&to, feeds).await?;
             show(&whereabouts(bench).await?, self.json);
             Ok(None)
         };

@@ -5,9 +5,11 @@
 //! NO_COLOR. With `--json` the result is one JSON document on standard output.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "this is the module that prints")]
 
+use crate::problem::legible;
 use console::style;
 use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressStyle};
 use std::io::Write;
+use std::sync::{Mutex, PoisonError};
 
 /// Prints a line of the result. A closed pipe (`| head`) is no error.
 pub fn result(line: impl std::fmt::Display) {
@@ -24,17 +26,111 @@ pub fn json(value: &impl serde::Serialize) {
 
 /// A note for whoever watches.
 pub fn note(line: impl std::fmt::Display) {
-    let _ = writeln!(std::io::stderr(), "{line}");
+    tell(legible(&line.to_string()));
 }
 
 /// A warning.
 pub fn warning(line: impl std::fmt::Display) {
-    let _ = writeln!(std::io::stderr(), "{} {line}", style("warning:").yellow().bold().for_stderr());
+    let line = legible(&line.to_string());
+    tell(format!("{} {line}", style("warning:").yellow().bold().for_stderr()));
 }
 
 /// An error with its causes.
 pub fn error(line: impl std::fmt::Display) {
-    let _ = writeln!(std::io::stderr(), "{} {line}", style("error:").red().bold().for_stderr());
+    let line = legible(&line.to_string());
+    tell(format!("{} {line}", style("error:").red().bold().for_stderr()));
+}
+
+/// A display that has the terminal for itself.
+struct Display {
+    /// What was said meanwhile.
+    held: Vec<String>,
+    /// Makes the terminal what it was.
+    put_back: fn(),
+}
+
+static DISPLAY: Mutex<Option<Display>> = Mutex::new(None);
+
+/// Lines that are kept for when the display is gone.
+const MOST_HELD: usize = 100;
+
+/// A line on standard error, or on the display that has it.
+fn tell(line: String) {
+    let mut display = DISPLAY.lock().unwrap_or_else(PoisonError::into_inner);
+    match display.as_mut() {
+        Some(Display { held, .. }) => {
+            if held.len() == MOST_HELD {
+                held.remove(0);
+            }
+            held.push(line);
+        }
+        None => _ = writeln!(std::io::stderr(), "{line}"),
+    }
+}
+
+/// The terminal for a display alone: what notes, warnings, errors and the log say meanwhile is not written over it. The
+/// display shows the latest; all is told when this is dropped.
+#[must_use = "the terminal is everybody's again when this is dropped"]
+pub struct Alone(());
+
+/// Takes the terminal for a display; `put_back` makes it what it was, should the process end at once.
+pub fn alone(put_back: fn()) -> Alone {
+    let display = Display { held: Vec::new(), put_back };
+    *DISPLAY.lock().unwrap_or_else(PoisonError::into_inner) = Some(display);
+    Alone(())
+}
+
+impl Alone {
+    /// What was said last, in one line.
+    pub fn latest(&self) -> Option<String> {
+        let display = DISPLAY.lock().unwrap_or_else(PoisonError::into_inner);
+        let plain = console::strip_ansi_codes(display.as_ref()?.held.last()?).into_owned();
+        // Of a line of the log, what follows the time.
+        let levels = ["WARN", "ERROR", "INFO", "DEBUG"];
+        let from = levels.iter().filter_map(|level| plain.find(level)).min();
+        Some(plain[from.unwrap_or(0)..].to_owned())
+    }
+}
+
+impl Drop for Alone {
+    fn drop(&mut self) {
+        let display = DISPLAY.lock().unwrap_or_else(PoisonError::into_inner).take();
+        display.into_iter().flat_map(|display| display.held).for_each(tell);
+    }
+}
+
+/// Takes the terminal from a display that will not come to its end: the process ends now.
+pub fn take_back() {
+    let display = DISPLAY.lock().unwrap_or_else(PoisonError::into_inner).take();
+    if let Some(Display { held, put_back }) = display {
+        put_back();
+        held.into_iter().for_each(tell);
+    }
+}
+
+/// Where the log is written: to standard error, or on the display that has it.
+pub fn log() -> impl Write {
+    Log(Vec::new())
+}
+
+/// An event of the log, whole when it is dropped.
+struct Log(Vec<u8>);
+
+impl Write for Log {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Drop for Log {
+    fn drop(&mut self) {
+        String::from_utf8_lossy(&self.0).lines().for_each(|line| tell(line.to_owned()));
+    }
 }
 
 /// A group of progress bars on standard error; silent when that is no terminal.

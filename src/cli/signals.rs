@@ -68,6 +68,7 @@ impl Signals {
     fn stop_at_once(&self) {
         self.stop.raise(StopLevel::Emergency);
         std::thread::sleep(LAST_WORDS);
+        super::screen::take_back();
         super::screen::error("stopped at once; home the rig before the next session");
         std::process::exit(i32::from(Exit::StoppedHard.code()));
     }

@@ -12,6 +12,7 @@ use super::sessions::{load_and_find, tell_mute};
 use crate::assemble;
 use crate::config::Setup;
 use crate::control::{Answer, Found, Request};
+use crate::device::mover::after_hard_stop;
 use crate::protocol::StopKind;
 use serde_json::json;
 
@@ -102,7 +103,12 @@ impl Args {
                     if !self.json {
                         screen::result(format_args!("{device}: stop written to {port}: {shown}"));
                     }
-                    ports.insert(device, json!({ "port": port, "written": shown }));
+                    let spec = &setup.protocols[&setup.rig.devices[&device].protocol];
+                    let left = if self.now { after_hard_stop(spec) } else { None };
+                    if let (Some(afterwards), false) = (left, self.json) {
+                        screen::warning(format_args!("{device}: {afterwards}"));
+                    }
+                    ports.insert(device, json!({ "port": port, "written": shown, "afterwards": left }));
                 }
                 Err(e) => {
                     screen::error(&e);

@@ -2,6 +2,7 @@
 
 use super::load::Setup;
 use super::rig::Mounted;
+use crate::device::settings::MoverSettings;
 use crate::motion::{Coordinate, Phase};
 use crate::plan::estimate::moves;
 use crate::plan::file::primitive_name;
@@ -27,6 +28,9 @@ pub struct CheckReport {
     pub files: Vec<FileReport>,
     /// The overrides.
     pub sets: Vec<String>,
+    /// What passes, and yet promises more than there is.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
 }
 
 /// One axis: what it may do and what the plan asks of it.
@@ -140,8 +144,19 @@ impl CheckReport {
                 .map(|s| FileReport { path: s.path.clone(), blake3: s.blake3.clone() })
                 .collect(),
             sets: setup.sets.clone(),
+            warnings: rig.devices.iter().filter_map(|(name, device)| beyond_reach(name, device)).collect(),
         }
     }
+}
+
+/// Words for a box of a tool that the joints cannot fill.
+fn beyond_reach(name: &str, device: &MoverSettings) -> Option<String> {
+    let (count, all, worst) = device.kinematics.as_ref()?.corners_out_of_reach(&device.axes)?;
+    let said = worst.to_string();
+    let (said, _) = said.rsplit_once("; ").unwrap_or((&said, ""));
+    Some(format!(
+        "[devices.{name}.kinematics.tool] allows more than the joints can do: {count} of the {all} corners of its box are out of reach, the worst: {said}. A pose there is refused before anything moves; for limits that can be relied on make the box smaller"
+    ))
 }
 
 /// Lowest and highest axis position that the plan can command.
@@ -183,6 +198,9 @@ impl fmt::Display for CheckReport {
         }
         for set in &self.sets {
             writeln!(f, "set: {set}")?;
+        }
+        for warning in &self.warnings {
+            writeln!(f, "warning: {warning}")?;
         }
         write!(f, "everything is in order; nothing was moved")
     }

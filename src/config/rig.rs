@@ -300,7 +300,7 @@ impl RigFile {
         };
         let press = &self.motion.z;
         let pressing = self.devices.get(&press.device).and_then(|d| d.pose_axes().remove(&press.axis));
-        let pressing = pressing.filter(|_| is_certain(press, problems));
+        let pressing = pressing.filter(|axis| axis.is_sound() && is_certain(press, problems));
         if let Some(axis) = pressing.filter(|a| self.session.touch_feed_mm_s > a.max_feed) {
             problems.push(
                 "session.touch_feed_mm_s",
@@ -316,7 +316,7 @@ impl RigFile {
             let certain = is_certain(role, problems);
             problems.within("motion", |p| {
                 p.within(name, |p| {
-                    if let Some(axis) = self.axis_of(role, p).filter(|_| certain) {
+                    if let Some(axis) = self.axis_of(role, p).filter(|axis| certain && axis.is_sound()) {
                         check_role(coordinate, role, &axis, p);
                     }
                     if let Some((_, _, other)) =

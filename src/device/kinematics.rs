@@ -5,7 +5,7 @@
 //! ([`super::mover`]); `check` finds poses that the arm cannot take ([`crate::plan`]).
 
 use super::settings::{Approach, AxisSettings};
-use crate::motion::{Arm, AxisKind, Chain, Coordinate, Joint, Place};
+use crate::motion::{Arm, AxisKind, Chain, Coordinate, Joint, Place, ReachError};
 use crate::pose::Pose;
 use crate::problem::Problems;
 use serde::{Deserialize, Serialize};
@@ -205,11 +205,33 @@ impl Kinematics {
         }
     }
 
-    /// The axis positions of the ready pose, in the order of the joints.
-    pub fn ready_joints(
+    /// The corners of the tool's box of limits that the arm cannot take: how many of how many, and the worst of them,
+    /// told. Such a box promises more than there is; poses in it that are out of reach are refused one by one.
+    pub fn corners_out_of_reach(
         &self,
         axes: &BTreeMap<String, AxisSettings>,
-    ) -> Result<Vec<f64>, crate::motion::ReachError> {
+    ) -> Option<(usize, usize, ReachError)> {
+        let chain = self.arm(axes).chain;
+        let ends = |axis: &ToolAxis| [axis.min, axis.max];
+        let turns = self.tool.theta.as_ref().map_or(vec![0.0], |theta| ends(theta).to_vec());
+        let (mut all, mut missed) = (0, Vec::new());
+        for x in ends(&self.tool.x) {
+            for y in ends(&self.tool.y) {
+                for z in ends(&self.tool.z) {
+                    for theta in &turns {
+                        all += 1;
+                        missed.extend(chain.joints(&Pose::new(x, y, z, *theta), &chain.middle_deg()).err());
+                    }
+                }
+            }
+        }
+        let count = missed.len();
+        let worst = missed.into_iter().max_by(|a, b| a.excess().total_cmp(&b.excess()))?;
+        Some((count, all, worst))
+    }
+
+    /// The axis positions of the ready pose, in the order of the joints.
+    pub fn ready_joints(&self, axes: &BTreeMap<String, AxisSettings>) -> Result<Vec<f64>, ReachError> {
         let chain = self.arm(axes).chain;
         chain.joints(&self.ready(), &chain.middle_deg())
     }

@@ -16,6 +16,8 @@
 //!
 //! It knows no other device and no plan; interlocks between devices are the session's.
 
+#[cfg(test)]
+mod after_stop;
 mod error;
 #[cfg(test)]
 mod faults;
@@ -174,14 +176,23 @@ impl Mover {
         Ok(())
     }
 
-    /// No reply from a device that speaks another language is another error than silence.
+    /// No reply from a device that speaks another language is another error than silence, and so is no reply from one
+    /// that a hard stop silences.
     fn unless_it_speaks_otherwise(&self, error: MoverError) -> MoverError {
-        match (&error, self.link.telemetry().strange) {
+        match (error, self.link.telemetry().strange) {
             (MoverError::Device(Failure::NoReply { .. }), Some(said)) => MoverError::SpeaksOtherwise {
                 protocol: self.spec.protocol.name.clone(),
                 said: said.chars().take(60).collect(),
             },
-            _ => error,
+            (MoverError::Device(silence @ Failure::NoReply { .. }), None) => self.unless_halted(silence),
+            (error, _) => error,
+        }
+    }
+
+    fn unless_halted(&self, silence: Failure) -> MoverError {
+        match after_hard_stop(&self.spec) {
+            Some(afterwards) => MoverError::Halted { silence, afterwards: afterwards.to_owned() },
+            None => silence.into(),
         }
     }
 
@@ -268,7 +279,12 @@ impl Mover {
         self.link.set_homing(false);
         let losses = self.link.telemetry().trust_losses;
         self.homed.end(result.is_ok().then_some(losses));
-        result?;
+        match result {
+            Err(MoverError::Device(silence @ Failure::NoReply { .. })) => {
+                return Err(self.unless_halted(silence));
+            }
+            other => other?,
+        }
         self.make_ready().await
     }
 
@@ -383,6 +399,11 @@ impl Mover {
     pub fn limits(&self) -> BTreeMap<String, AxisLimits> {
         self.settings.pose_axes().iter().map(|(name, axis)| (name.clone(), axis.limits())).collect()
     }
+}
+
+/// What a stop at once leaves behind, where the device needs a person's hand then.
+pub fn after_hard_stop(spec: &Spec) -> Option<&str> {
+    spec.stop.get("emergency")?.afterwards.as_deref()
 }
 
 /// An engine for a device of the rig file; refuses axes that the protocol cannot name.

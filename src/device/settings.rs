@@ -140,6 +140,9 @@ pub enum Side {
     Above,
 }
 
+/// No axis of a bench goes further, mm or degrees.
+const FURTHEST: f64 = 1e6;
+
 impl AxisSettings {
     /// The limits every move on this axis is checked against.
     pub fn limits(&self) -> AxisLimits {
@@ -186,10 +189,21 @@ impl MoverSettings {
 }
 
 impl AxisSettings {
+    /// Whether nothing is wrong with the axis itself. Of what is wrong with it follows nothing about anything else.
+    pub fn is_sound(&self) -> bool {
+        let mut problems = Problems::new();
+        self.check(&mut problems);
+        problems.is_empty()
+    }
+
     pub(super) fn check(&self, problems: &mut Problems) {
         if !(self.min.is_finite() && self.max.is_finite() && self.min < self.max) {
             let next = "set max above min";
             problems.push("max", self.max, format!("more than min = {}", self.min), next);
+        } else {
+            for (key, end) in [("min", self.min), ("max", self.max)] {
+                problems.range(key, end, -FURTHEST, FURTHEST, self.kind.unit());
+            }
         }
         problems.range("max_feed", self.max_feed, 1e-3, 1e4, "per second");
         problems.range("accel", self.accel, 1e-3, 1e6, "per second squared");

@@ -113,6 +113,19 @@ pub enum ReachError {
     },
 }
 
+impl ReachError {
+    /// How bad it is, to tell the worst of many.
+    pub fn excess(&self) -> f64 {
+        match self {
+            ReachError::OutOfReach { off_mm, tilt_deg, .. } => off_mm + tilt_deg,
+            ReachError::BeyondJoint { value_deg, min_deg, max_deg, .. } => {
+                (min_deg - value_deg).max(value_deg - max_deg)
+            }
+            ReachError::Folds { .. } => 0.0,
+        }
+    }
+}
+
 /// Where the tool is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tool {

@@ -268,6 +268,19 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn every_command_and_class_of_the_shipped_files_is_shown_by_a_vector() {
+        let mut without = Vec::new();
+        for entry in std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/firmware_protocols")).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+            let untested = check_vectors(&shipped(&name)).untested;
+            without.extend(untested.into_iter().map(|what| format!("{name}: {what}")));
+        }
+        // Newport's manual does not print what its controller answers to VE.
+        assert_eq!(without, ["newport_smc100: class version"]);
+    }
+
+    #[test]
     fn a_wrong_dialogue_is_found() {
         let mut spec = (*shipped("grbl")).clone();
         spec.dialogue[0].turns[0].tx = Some(crate::protocol::Bytes(b"$Q\n".to_vec()));

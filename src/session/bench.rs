@@ -255,13 +255,52 @@ impl Bench {
         if sideways && down && from.z_mm < -AT_REST_MM {
             return Err(BenchError::Drag { from: *from, to: *to });
         }
-        if down || same(to.z_mm, from.z_mm) {
-            self.go_sideways(from, to, feeds).await?;
-            self.go_along(&[(Coordinate::Z, to.z_mm)], feeds.mm_s).await
-        } else {
-            self.go_along(&[(Coordinate::Z, to.z_mm)], feeds.mm_s).await?;
-            self.go_sideways(from, to, feeds).await
+        let lines = lines(from, to, feeds);
+        self.rehearse(&lines, false).await?;
+        for (line, feed) in lines {
+            self.go_along(&line, feed).await?;
         }
+        Ok(())
+    }
+
+    /// Refuses a pose that an arm cannot be led to from where homing leads it, before anything is homed: what is not
+    /// given stays as homing leaves it.
+    pub async fn refuse_from_home(
+        &mut self,
+        given: impl Fn(Coordinate) -> Option<f64>,
+        feeds: Feeds,
+    ) -> Result<(), BenchError> {
+        let mut from = Pose::default();
+        for coordinate in Coordinate::ALL {
+            let Some(role) = self.map.role(coordinate) else { continue };
+            let ready = self.movers.get(&role.device).and_then(Mover::ready);
+            if let Some(position) = ready.and_then(|ready| ready.get(&role.axis).copied()) {
+                *coordinate.of_mut(&mut from) = role.to_coordinate(position);
+            }
+        }
+        let mut to = from;
+        for coordinate in Coordinate::ALL {
+            *coordinate.of_mut(&mut to) = given(coordinate).unwrap_or(coordinate.of(&from));
+        }
+        self.rehearse(&lines(&from, &to, feeds), true).await
+    }
+
+    /// Lets each arm plan its part of some lines; nothing is sent.
+    async fn rehearse(&mut self, lines: &[Line], from_home: bool) -> Result<(), BenchError> {
+        let map = self.map.clone();
+        for (name, mover) in self.movers.iter_mut().filter(|(_, mover)| mover.ready().is_some()) {
+            let mut moves = Vec::new();
+            for (line, feed) in lines {
+                let own = line.iter().filter_map(|(c, value)| {
+                    let role = map.role(*c).filter(|role| role.device == *name)?;
+                    Some((role.axis.as_str(), role.to_axis(*value)))
+                });
+                moves.push((own.collect::<Vec<_>>(), *feed));
+            }
+            moves.retain(|(own, _)| !own.is_empty());
+            mover.rehearse(from_home, &moves).await.map_err(of_device(name))?;
+        }
+        Ok(())
     }
 
     /// Lifts the indenter straight up to a height; nothing else moves, and no other device is asked: it
@@ -295,21 +334,6 @@ impl Bench {
                 let reason = last.as_deref().unwrap_or("the link was lost").to_owned();
                 return Err(of_device(device)(MoverError::PositionLost { reason }));
             }
-        }
-        Ok(())
-    }
-
-    async fn go_sideways(&mut self, from: &Pose, to: &Pose, feeds: Feeds) -> Result<(), BenchError> {
-        let mut lines = Vec::new();
-        for coordinate in [Coordinate::X, Coordinate::Y] {
-            if !same(coordinate.of(from), coordinate.of(to)) || self.map.role(coordinate).is_some() {
-                lines.push((coordinate, coordinate.of(to)));
-            }
-        }
-        lines.retain(|(c, _)| !same(c.of(from), c.of(to)));
-        self.go_along(&lines, feeds.mm_s).await?;
-        if !same(from.theta_deg, to.theta_deg) {
-            self.go_along(&[(Coordinate::Theta, to.theta_deg)], feeds.deg_s).await?;
         }
         Ok(())
     }
@@ -411,6 +435,24 @@ impl Bench {
     pub fn check_stop(&self) -> Result<(), BenchError> {
         if self.stop.is_raised() { Err(BenchError::Stopped) } else { Ok(()) }
     }
+}
+
+/// Coordinates that go along one straight line, and how fast.
+type Line = (Vec<(Coordinate, f64)>, f64);
+
+/// The lines of a way that never drags: sideways before down, and after up; a turn by itself, at its own feed.
+fn lines(from: &Pose, to: &Pose, feeds: Feeds) -> Vec<Line> {
+    let changed = |c: &Coordinate| !same(c.of(from), c.of(to));
+    let flat = [Coordinate::X, Coordinate::Y].into_iter().filter(changed);
+    let mut lines: Vec<Line> = vec![(flat.map(|c| (c, c.of(to))).collect(), feeds.mm_s)];
+    if changed(&Coordinate::Theta) {
+        lines.push((vec![(Coordinate::Theta, to.theta_deg)], feeds.deg_s));
+    }
+    let height = (vec![(Coordinate::Z, to.z_mm)], feeds.mm_s);
+    let up = changed(&Coordinate::Z) && to.z_mm > from.z_mm;
+    lines.insert(if up { 0 } else { lines.len() }, height);
+    lines.retain(|(line, _)| !line.is_empty());
+    lines
 }
 
 /// Waits for all of some futures at once, answers in their order.

@@ -35,6 +35,7 @@ impl Terminal {
         let mut opened = Terminal { keys, tells_repeats: false, closed: Arc::default() };
         // A terminal that does not answer the question has no such reports.
         opened.tells_repeats = terminal::supports_keyboard_enhancement().unwrap_or(false);
+        TELLS_REPEATS.store(opened.tells_repeats, Ordering::SeqCst);
         if opened.tells_repeats {
             let flags = KeyboardEnhancementFlags::DISAMBIGUATE_ESCAPE_CODES
                 | KeyboardEnhancementFlags::REPORT_EVENT_TYPES;
@@ -74,11 +75,18 @@ impl Terminal {
 impl Drop for Terminal {
     fn drop(&mut self) {
         self.closed.store(true, Ordering::SeqCst);
-        // A terminal that is gone needs no putting back.
-        if self.tells_repeats {
-            _ = execute!(io::stderr(), PopKeyboardEnhancementFlags);
-        }
-        _ = execute!(io::stderr(), DisableFocusChange, cursor::Show);
-        _ = terminal::disable_raw_mode();
+        put_back();
     }
+}
+
+/// Whether the terminal was told to tell repeats.
+static TELLS_REPEATS: AtomicBool = AtomicBool::new(false);
+
+/// Puts the terminal back as it was. One that is gone needs no putting back.
+pub(super) fn put_back() {
+    if TELLS_REPEATS.swap(false, Ordering::SeqCst) {
+        _ = execute!(io::stderr(), PopKeyboardEnhancementFlags);
+    }
+    _ = execute!(io::stderr(), DisableFocusChange, cursor::Show);
+    _ = terminal::disable_raw_mode();
 }

@@ -50,7 +50,7 @@ pub enum MoverError {
         reason: String,
     },
     /// Positions were lost while something was going on.
-    #[error("the position was lost: {reason}; home before the next move")]
+    #[error("the position was lost: {reason}{}", unless_said(reason))]
     PositionLost {
         /// What happened.
         reason: String,
@@ -95,6 +95,16 @@ pub enum MoverError {
         /// What it said last, shortened.
         said: String,
     },
+    /// Silence from a device that a hard stop silences.
+    #[error(
+        "{silence}. If it was stopped at once before (`twinrig stop --now`, a second Ctrl-C): {afterwards}"
+    )]
+    Halted {
+        /// What was waited for, and what else silence may mean.
+        silence: Failure,
+        /// What the stop has left behind, and what to do about it.
+        afterwards: String,
+    },
     /// The reply to a move was lost, and the device is not where the move leads.
     #[error(
         "the reply to a move was lost, and the device came to rest elsewhere; its position is known again, nothing was sent twice. Repeat the move, or check the cable"
@@ -103,6 +113,12 @@ pub enum MoverError {
     /// The dialogue with the device failed.
     #[error(transparent)]
     Device(#[from] Failure),
+}
+
+/// Where the reason does not end with it already: what to do.
+fn unless_said(reason: &str) -> &'static str {
+    let last = reason.rsplit([';', ':', ',']).next().unwrap_or_default();
+    if last.contains("home") { "" } else { "; home before the next move" }
 }
 
 impl MoverError {

@@ -24,15 +24,15 @@ enum Ended {
 
 /// A device of a sweep, and what is done with it.
 #[derive(Clone)]
-struct Subject {
-    settings: MoverSettings,
-    axis: &'static str,
-    targets: [f64; 3],
-    feed: f64,
+pub(super) struct Subject {
+    pub(super) settings: MoverSettings,
+    pub(super) axis: &'static str,
+    pub(super) targets: [f64; 3],
+    pub(super) feed: f64,
 }
 
 /// One device of each shipped protocol.
-fn subjects() -> Vec<Subject> {
+pub(super) fn subjects() -> Vec<Subject> {
     let turn = 4096.0 / 360.0;
     let one = |protocol: &str, axis: AxisSettings, targets, feed| Subject {
         settings: settings(protocol, &[("a", axis)]),

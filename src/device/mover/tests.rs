@@ -356,8 +356,8 @@ async fn a_port_that_says_nothing_is_an_error_that_says_so() {
     for settings in [grbl(), marlin()] {
         let result = connect(settings, FaultPlan::one(Trigger::Reply(0), FaultKind::Mute(None))).await;
         match result.map(|_| ()) {
-            Err(MoverError::Device(failure @ Failure::NoReply { .. })) => {
-                assert!(failure.to_string().contains("check the cable"));
+            Err(error @ (MoverError::Device(Failure::NoReply { .. }) | MoverError::Halted { .. })) => {
+                assert!(error.to_string().contains("check the cable"));
             }
             other => panic!("{other:?}"),
         }

@@ -18,7 +18,7 @@
 //! After homing, the arm goes to its ready pose: from wherever it is, all joints evenly, slowly.
 
 use super::observer::SeenAxis;
-use super::travel::{Reached, check_feed, legs};
+use super::travel::{Reached, check_feed, check_targets, legs};
 use super::{Measured, Mover, MoverError};
 use crate::device::settings::{AxisSettings, MoverSettings};
 use crate::motion::{Arm, Coordinate};
@@ -196,6 +196,35 @@ impl Tool {
         }
     }
 
+    /// The pieces of a straight move of some of the tool's axes, with the legs that a one-sided approach makes of it,
+    /// and the place where it leads.
+    fn way(
+        &self,
+        from: &Sent,
+        axes: &BTreeMap<String, AxisSettings>,
+        targets: &[(usize, f64)],
+        feed: f64,
+        settings: &MoverSettings,
+    ) -> Result<(Vec<Piece>, Sent), MoverError> {
+        let mut at = from.clone();
+        let places = self.places(&at, axes);
+        check_feed(axes, targets, feed, &places)?;
+        let mut way = Vec::new();
+        for leg in legs(axes, targets, &places) {
+            let mut to = at.pose;
+            self.put(&mut to, &leg);
+            let (pieces, place) = self.pieces(&at, &to, feed, settings)?;
+            way.extend(pieces);
+            at = place;
+        }
+        Ok((way, at))
+    }
+
+    /// The positions of its axes at a place.
+    fn places(&self, at: &Sent, axes: &BTreeMap<String, AxisSettings>) -> Vec<f64> {
+        axes.keys().filter_map(|name| Some(Arm::coordinate(name)?.of(&at.pose))).collect()
+    }
+
     /// Where the tool is for planning: where it was sent, if that is where the joints are, or else as measured.
     fn place(&self, here: &[Measured], settings: &MoverSettings) -> Sent {
         let wire: Vec<f64> = here.iter().map(|measured| measured.position).collect();
@@ -242,18 +271,8 @@ impl Mover {
         let Some(tool) = self.tool.clone() else { return Err(self.no_tool()) };
 
         // All of the way is planned before any of it is sent.
-        let mut at = tool.place(&here, &self.settings);
-        let places: Vec<f64> =
-            axes.keys().filter_map(|name| Some(Arm::coordinate(name)?.of(&at.pose))).collect();
-        check_feed(axes, targets, feed, &places)?;
-        let mut way = Vec::new();
-        for leg in legs(axes, targets, &places) {
-            let mut to = at.pose;
-            tool.put(&mut to, &leg);
-            let (pieces, place) = tool.pieces(&at, &to, feed, &self.settings)?;
-            way.extend(pieces);
-            at = place;
-        }
+        let from = tool.place(&here, &self.settings);
+        let (way, at) = tool.way(&from, axes, targets, feed, &self.settings)?;
 
         self.forget_sent();
         let mut reached = Reached::nowhere(here, self.clock.now());
@@ -268,6 +287,36 @@ impl Mover {
         self.remember_sent(at);
         reached.measured = self.with_tool(reached.measured);
         Ok(reached)
+    }
+
+    /// Where homing leads the axes of the tool, by name; `None` for a device whose axes are no joints.
+    pub fn ready(&self) -> Option<BTreeMap<String, f64>> {
+        let ready = self.settings.kinematics.as_ref()?.ready();
+        let axes = self.tool.as_ref()?.axes.keys();
+        Some(axes.filter_map(|name| Some((name.clone(), Arm::coordinate(name)?.of(&ready)))).collect())
+    }
+
+    /// Refuses moves, one after the other, that the arm cannot do from where it is, or from where homing will lead it.
+    /// Nothing is sent; what is no arm has nothing to refuse that a move does not check first.
+    pub async fn rehearse(
+        &mut self,
+        from_home: bool,
+        moves: &[(Vec<(&str, f64)>, f64)],
+    ) -> Result<(), MoverError> {
+        let (Some(tool), Some(kinematics)) = (self.tool.clone(), self.settings.kinematics.clone()) else {
+            return Ok(());
+        };
+        let mut at = if from_home {
+            Sent { joints: kinematics.ready_joints(&self.settings.axes)?, pose: kinematics.ready() }
+        } else {
+            tool.place(&self.resting_axes().await?, &self.settings)
+        };
+        let axes = self.settings.pose_axes();
+        for (targets, feed) in moves {
+            let targets = check_targets(&axes, targets)?;
+            at = tool.way(&at, &axes, &targets, *feed, &self.settings)?.1;
+        }
+        Ok(())
     }
 
     /// One piece of a glide of the tool: returns when the joints have been told.

@@ -46,6 +46,8 @@ pub struct EmulatorOptions {
     /// Replaces the text that identifies the firmware: the banner and the answer to `$I`, the answer
     /// to `M115`. For a bench with the wrong device on a port.
     pub identity: Option<Vec<String>>,
+    /// Whether somebody has set the controller up, as somebody has where a rig wires its axes: homing is on.
+    pub set_up: bool,
     /// Stored settings (`"22"` -> `"1"` for `$22=1`) that differ from the file's.
     pub settings: BTreeMap<String, String>,
     /// True position of an axis (by wire name) at power-up; near its switch if absent.
@@ -128,7 +130,8 @@ impl Emulator {
         let outbox = Outbox::new(Duration::from_micros(spec.latency_us), options.baud.unwrap_or(115_200));
         let firmware: Box<dyn Firmware> = match &spec.dialect {
             Dialect::Grbl(spec) => {
-                Box::new(grbl::Grbl::new(spec, options, motors, outbox, !axes.is_empty(), now)?)
+                let is_wired = !axes.is_empty();
+                Box::new(grbl::Grbl::new(spec, options, motors, outbox, is_wired, now)?)
             }
             Dialect::ThorlabsApt(spec) => Box::new(apt::Apt::new(spec, options, motors, outbox, now)?),
             Dialect::Dobot(spec) => Box::new(dobot::Dobot::new(spec, options, motors, outbox, now)?),

@@ -69,7 +69,7 @@ fn check_arm(
                 asked.entry(rounded(&pose)).or_insert_with(|| match arm.chain.joints(&pose, &guess) {
                     Ok(joints) => Some(joints),
                     Err(error) => {
-                        note(excess(&error), error);
+                        note(error.excess(), error);
                         None
                     }
                 });
@@ -79,7 +79,7 @@ fn check_arm(
                 && rounded(from) != rounded(&pose)
                 && let Err(error) = arm.line(here, &pose)
             {
-                note(excess(&error), error);
+                note(error.excess(), error);
             }
             before = joints.map(|joints| (pose, joints)).or(before);
         }
@@ -147,17 +147,6 @@ fn key_of(arm: &Arm, rig: &RigFences, device: &str, stop: &Stop) -> &'static str
     let touching = tool_pose(rig, device, &Pose { z_mm: 0.0, ..stop.pose });
     let can_touch = arm.chain.joints(&touching, &arm.chain.middle_deg()).is_ok();
     plan_key(if can_touch { Coordinate::Z } else { Coordinate::X }, stop.phase)
-}
-
-/// How bad it is, to tell the worst.
-fn excess(error: &ReachError) -> f64 {
-    match error {
-        ReachError::OutOfReach { off_mm, tilt_deg, .. } => off_mm + tilt_deg,
-        ReachError::BeyondJoint { value_deg, min_deg, max_deg, .. } => {
-            (min_deg - value_deg).max(value_deg - max_deg)
-        }
-        ReachError::Folds { .. } => 0.0,
-    }
 }
 
 /// A pose as a key: micrometres and thousandths of a degree.

@@ -437,10 +437,11 @@ impl Exchange {
 
 fn refusal(command: &str, rx: Option<&RxSpec>, reply: &Reply, errors: &BTreeMap<String, Fault>) -> Failure {
     let code = rx.and_then(|rx| rx.code.as_ref()).map(|field| reply.text(field)).unwrap_or_default();
-    let (text, class) = match errors.get(&code) {
-        Some(fault) => (fault.text.clone(), fault.class),
-        None if code.is_empty() => (reply.raw.clone(), FaultClass::Usage),
-        None => ("not in the protocol file's table".to_owned(), FaultClass::Usage),
+    let usage = || FaultClass::Usage.advice().to_owned();
+    let (text, next) = match errors.get(&code) {
+        Some(fault) => (fault.text.clone(), fault.next_move()),
+        None if code.is_empty() => (reply.raw.clone(), usage()),
+        None => ("not in the protocol file's table".to_owned(), usage()),
     };
-    Failure::Refused { command: command.to_owned(), code, text, class }
+    Failure::Refused { command: command.to_owned(), code, text, next }
 }

@@ -87,6 +87,7 @@ impl Engine {
         let code = self.spec.class(&reply.class).and_then(|rx| rx.code.as_ref()).map(|f| reply.text(f));
         let code = code.unwrap_or_else(|| reply.text("text"));
         let fault = self.alarms.get(&code).or_else(|| self.alarms.get("*")).cloned();
+        let next = fault.as_ref().map_or_else(|| FaultClass::Hardware.advice().to_owned(), Fault::next_move);
         let (text, trust, recover, mutes) = match fault {
             Some(f) => (f.text, f.trust, f.recover, f.mutes),
             None => ("an alarm the protocol file does not know".to_owned(), Trust::Lost, None, false),
@@ -101,7 +102,7 @@ impl Engine {
             self.events.push(Event::TrustLost(format!("alarm {code}: {text}")));
         }
         // A stop or a recovery goes on: an alarm is what it may have caused.
-        let failure = Failure::Alarm { code, text, trust, recover };
+        let failure = Failure::Alarm { code, text, trust, recover, next };
         let dropped = self.exchange.end_all(&failure);
         if self.task.as_ref().is_some_and(|t| t.ends_on_alarm()) {
             self.end_task(Err(failure));
@@ -160,8 +161,8 @@ impl Engine {
         let code = reply.text("code");
         let told = [reply.text("title"), reply.text("text")];
         let text = told.iter().filter(|t| !t.is_empty()).cloned().collect::<Vec<_>>().join(": ");
-        let unknown =
-            Fault { text: text.clone(), class: FaultClass::Usage, trust, mutes: false, recover: None };
+        let class = if learns == Some(FaultTable::Alarms) { FaultClass::Hardware } else { FaultClass::Usage };
+        let unknown = Fault { text: text.clone(), class, trust, mutes: false, recover: None, next: None };
         table.entry(code).or_insert(unknown).text = text;
     }
 }

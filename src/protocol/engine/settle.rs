@@ -84,9 +84,10 @@ impl Engine {
                 Some(MotionState::Alarm) => {
                     return Check::Failed(Failure::Alarm {
                         code: "state".to_owned(),
-                        text: "the device is locked by an alarm; home it".to_owned(),
+                        text: "the device is locked by an alarm".to_owned(),
                         trust: Trust::Lost,
                         recover: None,
+                        next: "home it".to_owned(),
                     });
                 }
                 state => {

@@ -3,7 +3,7 @@
 use crate::clock::Timestamp;
 use crate::protocol::classify::Reply;
 use crate::protocol::encode::EncodeError;
-use crate::protocol::spec::{FaultClass, MotionState, Trust};
+use crate::protocol::spec::{MotionState, Trust};
 use crate::protocol::value::Fields;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -101,7 +101,7 @@ pub type Outcome = Result<Vec<Reply>, Failure>;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Failure {
     /// The device refused.
-    #[error("it refused {command}: {code} ({text}); {}", class.advice())]
+    #[error("it refused {command}: {code} ({text}); {next}")]
     Refused {
         /// The command.
         command: String,
@@ -109,8 +109,8 @@ pub enum Failure {
         code: String,
         /// What the code means.
         text: String,
-        /// What kind of thing it is.
-        class: FaultClass,
+        /// What to do about it.
+        next: String,
     },
     /// No reply came. What became of the command is unknown.
     #[error(
@@ -126,7 +126,7 @@ pub enum Failure {
     #[error("the device restarted by itself; its position is lost: home before moving")]
     Restarted,
     /// An alarm.
-    #[error("alarm {code}: {text}")]
+    #[error("alarm {code}: {text}; {next}")]
     Alarm {
         /// The device's code.
         code: String,
@@ -136,6 +136,8 @@ pub enum Failure {
         trust: Trust,
         /// Procedure that makes the device usable again.
         recover: Option<String>,
+        /// What a person should do about it.
+        next: String,
     },
     /// A flag in a reply says that the move failed.
     #[error("the device reports {code}: {text}")]

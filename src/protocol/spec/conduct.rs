@@ -198,6 +198,9 @@ pub struct Procedure {
     /// What it does to the trust in positions.
     #[serde(default)]
     pub trust: Trust,
+    /// What state a stop leaves the device in, and what a person must do before it answers again; absent where the
+    /// next session finds it as any other.
+    pub afterwards: Option<String>,
 }
 
 /// One step: an optional sending, then an optional wait. A table with no sending only waits.
@@ -268,6 +271,15 @@ pub struct Fault {
     pub mutes: bool,
     /// Steps of `[recover]` that make the device usable again.
     pub recover: Option<String>,
+    /// What a person should do about it, where that is more than its class tells.
+    pub next: Option<String>,
+}
+
+impl Fault {
+    /// What a person should do about it.
+    pub fn next_move(&self) -> String {
+        self.next.clone().unwrap_or_else(|| self.class.advice().to_owned())
+    }
 }
 
 /// What kind of thing an error is.

@@ -47,8 +47,11 @@ pub struct Dobot {
     motors: Motors,
     outbox: Outbox,
     rx: Vec<u8>,
-    queue: VecDeque<Queued>,
+    /// Each with its index: what a stop drops is never counted as done, and what comes after it is not behind.
+    queue: VecDeque<(u64, Queued)>,
     next_index: u64,
+    /// Index of what runs, and of what was done last.
+    begun_index: u64,
     done_index: u64,
     started: bool,
     running: Option<Timestamp>,
@@ -82,6 +85,7 @@ impl Dobot {
             rx: Vec::new(),
             queue: VecDeque::new(),
             next_index: 0,
+            begun_index: 0,
             done_index: 0,
             started: false,
             running: None,
@@ -194,7 +198,7 @@ impl Dobot {
 
     fn enqueue(&mut self, id: u8, ctrl: u8, command: Queued) {
         self.next_index += 1;
-        self.queue.push_back(command);
+        self.queue.push_back((self.next_index, command));
         self.reply(id, ctrl, &self.next_index.to_le_bytes());
     }
 
@@ -210,11 +214,12 @@ impl Dobot {
     /// Starts queued commands until one takes time.
     fn go_on(&mut self) {
         while self.started && self.running.is_none() && self.alarms == [0; 16] {
-            let Some(command) = self.queue.pop_front() else { return };
+            let Some((index, command)) = self.queue.pop_front() else { return };
+            self.begun_index = index;
             match command {
                 Queued::Parameter { id, value } => {
                     self.parameters.insert(id, value);
-                    self.done_index += 1;
+                    self.done_index = self.begun_index;
                 }
                 Queued::Home => {
                     let until = (0..self.motors.count()).map(|i| {
@@ -238,7 +243,7 @@ impl Dobot {
         let inside = self.motors.iter().zip(&target).all(|(m, x)| *x >= m.min && *x <= m.max);
         if !inside || radius < self.spec.reach_mm[0] || radius > self.spec.reach_mm[1] {
             self.alarms[2] |= ALARM_PLAN;
-            self.done_index += 1;
+            self.done_index = self.begun_index;
             return;
         }
         let fastest = self.motors.iter().map(|m| m.max_feed).fold(f64::MAX, f64::min);
@@ -259,7 +264,7 @@ impl Dobot {
     fn settle(&mut self) {
         if self.running.is_some_and(|until| until <= self.t) {
             self.running = None;
-            self.done_index += 1;
+            self.done_index = self.begun_index;
             if std::mem::take(&mut self.homing) {
                 (0..self.motors.count()).for_each(|i| self.motors.set_home(i));
             }
@@ -297,7 +302,7 @@ impl Firmware for Dobot {
         self.motors.power_up(now);
         self.rx.clear();
         self.queue.clear();
-        (self.next_index, self.done_index) = (0, 0);
+        (self.next_index, self.begun_index, self.done_index) = (0, 0, 0);
         (self.started, self.running, self.homing, self.alarms) = (false, None, false, [0; 16]);
     }
 

@@ -109,7 +109,7 @@ impl Grbl {
             spec.banner = identity.first().cloned().unwrap_or_default();
             spec.identify = identity.iter().skip(1).cloned().collect();
         }
-        let settings = Settings::new(&spec, &options.settings, &motors, is_wired)?;
+        let settings = Settings::new(&spec, options, &motors, is_wired)?;
         let letters: Vec<u8> = motors.iter().filter_map(|m| m.wire.bytes().next()).collect();
         let mut grbl = Self {
             planner: Planner::new(spec.planner_blocks),

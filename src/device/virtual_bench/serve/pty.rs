@@ -16,6 +16,8 @@ use rustix::termios::{self, OptionalActions, QueueSelector};
 use std::io;
 use std::mem::MaybeUninit;
 use std::os::fd::OwnedFd;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::task::{Context, Poll, ready};
@@ -168,8 +170,8 @@ impl Clients {
 /// What to do for [`serve_port`].
 #[derive(Debug, Clone, Default)]
 pub struct PortOptions {
-    /// Where to link the slave, for clients that want a known path. Replaced if it is a link, and
-    /// removed at the end.
+    /// Where to link the slave, for clients that want a known path. A link that an emulator has left there is
+    /// replaced; one at which another answers is an error. Removed at the end.
     pub link: Option<PathBuf>,
     /// Reset the board whenever a client opens the port, as DTR does on many boards.
     pub reset_on_open: bool,
@@ -185,7 +187,7 @@ pub async fn serve_port(
 ) -> io::Result<Ended> {
     let Pty { stream, slave, mut clients } = pty()?;
     let link = options.link.as_deref().map(|path| Link::new(&slave, path)).transpose()?;
-    ready(link.as_ref().map_or(slave.as_path(), |l| l.0.as_path()));
+    ready(link.as_ref().map_or(slave.as_path(), |l| l.path.as_path()));
     let visits = async {
         loop {
             if clients.next().await? == Visit::Came && options.reset_on_open {
@@ -200,22 +202,48 @@ pub async fn serve_port(
 }
 
 /// A symbolic link that goes when it is dropped.
-struct Link(PathBuf);
+struct Link {
+    path: PathBuf,
+    /// Holds the name of the path as long as this process lives, however it ends.
+    _claim: UnixDatagram,
+}
 
 impl Link {
     fn new(slave: &Path, path: &Path) -> io::Result<Self> {
-        if path.symlink_metadata().is_ok_and(|m| m.is_symlink()) {
-            std::fs::remove_file(path)?;
+        let claim = claim(path)?;
+        match std::fs::read_link(path) {
+            // Of terminals that nobody claims: an emulator that was killed could not remove it.
+            Ok(to) if to.starts_with("/dev/pts") => std::fs::remove_file(path)?,
+            Ok(to) => {
+                let words = format!("it is a link to {}, no emulator's", to.display());
+                return Err(io::Error::new(io::ErrorKind::AlreadyExists, words));
+            }
+            Err(_) => {}
         }
         std::os::unix::fs::symlink(slave, path)?;
-        Ok(Link(path.to_owned()))
+        Ok(Link { path: path.to_owned(), _claim: claim })
     }
+}
+
+/// Claims a path against other emulators: by a socket whose name the kernel forgets with the process. (A number of a
+/// pseudo-terminal would not do: it is given to the next who asks.)
+fn claim(path: &Path) -> io::Result<UnixDatagram> {
+    let absolute = std::path::absolute(path)?;
+    let folder = absolute.parent().and_then(|folder| folder.canonicalize().ok());
+    let place = folder.zip(absolute.file_name()).map_or(absolute.clone(), |(folder, name)| folder.join(name));
+    let name = format!("twinrig-emulator-{}", blake3::hash(place.as_os_str().as_encoded_bytes()).to_hex());
+    UnixDatagram::bind_addr(&SocketAddr::from_abstract_name(name)?).map_err(|e| match e.kind() {
+        io::ErrorKind::AddrInUse => {
+            io::Error::new(io::ErrorKind::AddrInUse, "another emulator answers there; end it first")
+        }
+        _ => e,
+    })
 }
 
 impl Drop for Link {
     fn drop(&mut self) {
         // Nothing can be done about a link that somebody else has removed.
-        std::fs::remove_file(&self.0).ok();
+        std::fs::remove_file(&self.path).ok();
     }
 }
 
@@ -262,5 +290,35 @@ mod tests {
             }
         };
         assert!(tokio::time::timeout(Duration::from_secs(10), flood).await.is_ok());
+    }
+
+    #[test]
+    fn a_link_is_taken_over_from_the_dead_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("stage");
+        let first = Link::new(Path::new("/dev/pts/900"), &path).unwrap();
+        let error = Link::new(Path::new("/dev/pts/901"), &path).map(drop).unwrap_err();
+        assert!(error.to_string().contains("another emulator answers there"), "{error}");
+        assert_eq!(
+            std::fs::read_link(&path).unwrap(),
+            Path::new("/dev/pts/900"),
+            "and it stays whose it was"
+        );
+        // Another way of writing the same path is the same path.
+        let roundabout = folder.path().join("..").join(folder.path().file_name().unwrap()).join("stage");
+        assert!(Link::new(Path::new("/dev/pts/901"), &roundabout).is_err());
+        drop(first);
+        assert!(path.symlink_metadata().is_err());
+        // What a killed one has left behind is replaced.
+        std::os::unix::fs::symlink("/dev/pts/900", &path).unwrap();
+        drop(Link::new(Path::new("/dev/pts/901"), &path).unwrap());
+        // Somebody's own link and file are left alone.
+        std::os::unix::fs::symlink("/dev/ttyUSB0", &path).unwrap();
+        assert!(Link::new(Path::new("/dev/pts/901"), &path).is_err());
+        assert_eq!(std::fs::read_link(&path).unwrap(), Path::new("/dev/ttyUSB0"));
+        std::fs::remove_file(&path).unwrap();
+        std::fs::write(&path, "mine").unwrap();
+        assert!(Link::new(Path::new("/dev/pts/901"), &path).is_err());
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "mine");
     }
 }

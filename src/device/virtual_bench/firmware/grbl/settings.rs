@@ -1,9 +1,8 @@
 //! The `$` settings: numbered texts whose decimals are kept.
 
-use super::super::EmulatorError;
 use super::super::motors::Motors;
+use super::super::{EmulatorError, EmulatorOptions};
 use crate::protocol::emulation::GrblEmulation;
-use std::collections::BTreeMap;
 
 /// Stored settings in the order of `$$`.
 #[derive(Debug, Clone)]
@@ -14,7 +13,7 @@ impl Settings {
     /// rig's axes and the `set_up` settings. What the options say comes last.
     pub fn new(
         spec: &GrblEmulation,
-        changed: &BTreeMap<String, String>,
+        options: &EmulatorOptions,
         motors: &Motors,
         is_wired: bool,
     ) -> Result<Self, EmulatorError> {
@@ -29,12 +28,14 @@ impl Settings {
                     settings.set(base + i, value);
                 }
             }
+        }
+        if is_wired || options.set_up {
             for line in &spec.set_up {
                 let (key, value) = entry(line)?;
                 settings.set(key, value.parse().unwrap_or(0.0));
             }
         }
-        for (key, value) in changed {
+        for (key, value) in &options.settings {
             let number = key.parse::<u16>().ok();
             let known = settings.0.iter_mut().find(|(k, _)| Some(*k) == number);
             let Some((_, stored)) = known else {
