@@ -237,8 +237,16 @@ fn an_emulator_answers_other_peoples_clients() {
     }
     assert!(text(&said).contains("[VER:1.1h"), "{}", text(&said));
     drop(port);
+    // Nobody takes its place while it lives.
+    let second = run(&["emulate", "marlin", "--link", link.to_str().expect("a path")]);
+    assert_eq!(second.status.code(), Some(1));
+    assert!(text(&second.stderr).contains("another emulator answers there"), "{}", text(&second.stderr));
     send("TERM", &child);
     assert_eq!(ends(&mut child).code(), Some(0), "a signal is an emulator's proper end");
+    let mut said = String::new();
+    child.stderr.take().expect("piped").read_to_string(&mut said).expect("reads");
+    assert_eq!(said, "", "of which nobody need be told");
+    assert!(link.symlink_metadata().is_err(), "it has cleared its link away");
 }
 
 #[test]
@@ -379,4 +387,35 @@ fn the_log_of_every_port_is_replayed_and_a_difference_is_found() {
     let story: serde_json::Value = serde_json::from_slice(&output.stdout).expect("one document");
     assert!(story["difference"]["engine"].as_str().is_some_and(|e| e.contains("G1 ")), "{story}");
     assert_eq!(run(&["replay", "README.md"]).status.code(), Some(2));
+}
+
+#[test]
+fn a_move_of_axes_that_are_not_homed_says_how_they_are() {
+    let output = run(&["move", VIRTUAL, "--z", "5", "--speed", "50"]);
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    let said = text(&output.stderr);
+    assert!(
+        said.contains("not homed") && said.contains("--home") && said.contains("nothing was moved"),
+        "{said}"
+    );
+}
+
+#[test]
+fn no_message_has_a_number_of_three_hundred_digits() {
+    for args in [
+        ["check", VIRTUAL, SMALL, "--set", "plan.clearance_mm=1e300"],
+        [
+            "check",
+            "rig_configs/servo_arm.toml",
+            SMALL,
+            "--set",
+            "devices.arm.kinematics.ready_mm=[1e300, 0.0, 0.0]",
+        ],
+        ["move", VIRTUAL, "--home", "--z=1e300", "--speed=50"],
+    ] {
+        let output = run(&args);
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+        let said = text(&output.stderr);
+        assert!(said.contains("1e300") && !said.contains("00000000000"), "{said}");
+    }
 }

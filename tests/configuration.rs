@@ -239,3 +239,43 @@ fn every_shipped_protocol_is_sound_and_keeps_its_word() {
         assert_eq!(check(&spec).failures().collect::<Vec<_>>(), Vec::<&Case>::new(), "{name}");
     }
 }
+
+#[test]
+fn a_tool_that_may_go_where_its_arm_cannot_is_warned_of() {
+    let warned = |set: &[&str]| {
+        let sets: Vec<String> = set.iter().map(|s| (*s).to_owned()).collect();
+        let setup = config::load(&rig("servo_arm"), None, &sets).unwrap_or_else(|e| panic!("{e}"));
+        let report = config::CheckReport::new(&setup);
+        assert_eq!(report.to_string().contains("\nwarning: "), !report.warnings.is_empty());
+        report.warnings
+    };
+    assert_eq!(warned(&[]), [String::new(); 0]);
+    let far = warned(&["devices.arm.kinematics.tool.x.max=150.0"]);
+    assert_eq!(far.len(), 1);
+    for words in ["[devices.arm.kinematics.tool]", "of the 16 corners", "x 150.000", "make the box smaller"] {
+        assert!(far[0].contains(words), "{words} is missing: {}", far[0]);
+    }
+}
+
+#[test]
+fn one_mistake_in_the_pressing_axis_is_one_finding() {
+    for (rig_name, mistake) in [
+        ("virtual", "devices.arm.axes.z.max_feed=-1.0"),
+        ("virtual", "devices.arm.axes.z.max_feed=1e-9"),
+        ("virtual", "devices.arm.axes.z.min=100.0"),
+        ("virtual", "devices.arm.axes.z.max=inf"),
+        ("virtual", "devices.arm.axes.z.max=1e300"),
+        ("virtual", "devices.arm.axes.z.accel=0.0"),
+        ("virtual", "devices.arm.axes.z.kind=\"rotary\""),
+        ("virtual", "devices.arm.axes.z.wire=\"q\""),
+        ("virtual", "motion.z.axis=\"q\""),
+        ("virtual", "motion.z.origin=-500.0"),
+        ("servo_arm", "devices.arm.kinematics.press=[0.0, 1.0, 0.0]"),
+        ("servo_arm", "devices.arm.kinematics.press=[0.0, 0.0, 0.0]"),
+        ("servo_arm", "devices.arm.kinematics.tool.z.max_feed=-1.0"),
+        ("servo_arm", "devices.arm.kinematics.tool.z.min=100.0"),
+    ] {
+        let said = load(rig_name, "small", &[mistake]).unwrap_err().to_string();
+        assert!(said.starts_with("1 problem in the configuration"), "{mistake}: {said}");
+    }
+}

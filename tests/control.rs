@@ -182,6 +182,24 @@ fn without_a_session_the_ports_are_asked_and_stopped_directly() {
     assert_eq!(json(&stop)["ports"]["stage"]["written"], "\\x85!");
     assert_eq!(json(&stop)["ports"]["arm"]["written"], "M410\\n");
 
+    // As they are served, the emulated controllers are set up for the rig: it homes.
+    let home = || run(sockets, &["home", rig, "--set", &sets[0], "--set", &sets[1]]);
+    let homed = home();
+    assert_eq!(homed.status.code(), Some(0), "{}", text(&homed.stderr));
+    // A Marlin that was killed is silent from then on: the stop says so, and so does whoever finds it.
+    let mut now = args("stop");
+    now.retain(|arg| *arg != "--json");
+    now.push("--now");
+    let stop = run(sockets, &now);
+    assert_eq!(stop.status.code(), Some(0), "{}", text(&stop.stderr));
+    let not_homed = home();
+    assert_eq!(not_homed.status.code(), Some(1));
+    for said in [text(&stop.stderr), text(&not_homed.stderr)] {
+        for words in ["arm", "M112", "halted", "reset button", "`twinrig home RIG`"] {
+            assert!(said.contains(words), "{words} is missing: {said}");
+        }
+    }
+
     // One port that is gone hides nothing of the other, and stops nothing less.
     ports.0[0].kill().unwrap();
     ports.0[0].wait().unwrap();
@@ -207,6 +225,8 @@ mod at_a_terminal {
     struct Hands {
         keyboard: File,
         screen: Arc<Mutex<String>>,
+        /// Where in it the last look ended.
+        looked: Arc<Mutex<usize>>,
         child: Child,
     }
 
@@ -248,7 +268,7 @@ mod at_a_terminal {
                     shown.lock().unwrap().push_str(&text);
                 }
             });
-            Hands { keyboard, screen, child }
+            Hands { keyboard, screen, looked: Arc::default(), child }
         }
 
         fn type_in(&mut self, keys: &str) {
@@ -257,7 +277,14 @@ mod at_a_terminal {
 
         /// What was painted since the last look.
         fn painted(&self) -> String {
-            std::mem::take(&mut *self.screen.lock().unwrap())
+            let (all, mut looked) = (self.all(), self.looked.lock().unwrap());
+            let from = std::mem::replace(&mut *looked, all.len());
+            all[from..].to_owned()
+        }
+
+        /// All that was ever painted.
+        fn all(&self) -> String {
+            self.screen.lock().unwrap().clone()
         }
 
         /// What was painted before is not looked at.
@@ -289,8 +316,10 @@ mod at_a_terminal {
     #[test]
     fn keys_move_the_bench_in_steps_and_for_as_long_as_they_are_held() {
         let folder = tempfile::tempdir().unwrap();
-        let mut hands =
-            Hands::on(twinrig(folder.path(), &["jog", VIRTUAL, "--feed", "4"]), Tells::Everything);
+        let mut jog = twinrig(folder.path(), &["jog", VIRTUAL, "--feed", "4"]);
+        // The log has much to say, and the display is not to be written over.
+        jog.env("TWINRIG_LOG", "debug");
+        let mut hands = Hands::on(jog, Tells::Everything);
         let x = || {
             let found = session(folder.path(), VIRTUAL).expect("it runs");
             found["pose"]["x_mm"].as_f64().expect("a position")
@@ -335,8 +364,16 @@ mod at_a_terminal {
         hands.type_in("q");
         let status = super::wait_for("the end", || hands.child.try_wait().unwrap());
         assert_eq!(status.code(), Some(0), "{}", hands.painted());
-        let painted = hands.painted();
-        assert!(painted.contains("\x1b[?25h"), "the cursor is shown again: {painted:?}");
+        super::wait_for("the cursor", || hands.all().contains("\x1b[?25h").then_some(()));
+        let all = hands.all();
+        let (display, after) = all.split_once("\x1b[?25h").unwrap();
+        let (_, display) = display.split_once("not homed: press h").unwrap();
+        let alone = display.replace("\r\n", "");
+        assert!(
+            display.contains("DEBUG") && !alone.contains('\n'),
+            "the latest is shown in the display: {display:?}"
+        );
+        assert!(after.matches("DEBUG").count() > 1, "and all of it is told afterwards: {after:?}");
     }
 
     /// Hands at a bench that has been homed, and where its logs are.
