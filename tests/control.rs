@@ -318,7 +318,7 @@ mod at_a_terminal {
         let folder = tempfile::tempdir().unwrap();
         let mut jog = twinrig(folder.path(), &["jog", VIRTUAL, "--feed", "4"]);
         // The log has much to say, and the display is not to be written over.
-        jog.env("TWINRIG_LOG", "debug");
+        jog.env("TWINRIG_LOG", "trace");
         let mut hands = Hands::on(jog, Tells::Everything);
         let x = || {
             let found = session(folder.path(), VIRTUAL).expect("it runs");
@@ -370,10 +370,10 @@ mod at_a_terminal {
         let (_, display) = display.split_once("not homed: press h").unwrap();
         let alone = display.replace("\r\n", "");
         assert!(
-            display.contains("DEBUG") && !alone.contains('\n'),
+            display.contains("TRACE") && !alone.contains('\n'),
             "the latest is shown in the display: {display:?}"
         );
-        assert!(after.matches("DEBUG").count() > 1, "and all of it is told afterwards: {after:?}");
+        assert!(after.matches("TRACE").count() > 1, "and all of it is told afterwards: {after:?}");
     }
 
     /// Hands at a bench that has been homed, and where its logs are.

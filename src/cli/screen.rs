@@ -86,7 +86,7 @@ impl Alone {
         let display = DISPLAY.lock().unwrap_or_else(PoisonError::into_inner);
         let plain = console::strip_ansi_codes(display.as_ref()?.held.last()?).into_owned();
         // Of a line of the log, what follows the time.
-        let levels = ["WARN", "ERROR", "INFO", "DEBUG"];
+        let levels = ["WARN", "ERROR", "INFO", "DEBUG", "TRACE"];
         let from = levels.iter().filter_map(|level| plain.find(level)).min();
         Some(plain[from.unwrap_or(0)..].to_owned())
     }

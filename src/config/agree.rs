@@ -84,7 +84,9 @@ pub(super) fn on_path(
     indenters: &BTreeMap<String, IndenterConfig>,
     findings: &mut Vec<Finding>,
 ) -> Option<Trajectory> {
-    let has_axes = rig.value.devices.keys().all(|d| rig.holds(&format!("devices.{d}.axes")));
+    let holds =
+        |d: &String| ["axes", "kinematics"].iter().all(|part| rig.holds(&format!("devices.{d}.{part}")));
+    let has_axes = rig.value.devices.keys().all(holds);
     if !has_axes || !rig.holds("motion") || !PATH_KEYS.iter().all(|key| plan.holds(key)) {
         return None;
     }

@@ -372,6 +372,15 @@ mod tests {
         assert!(matches!(resolve(&PortSettings::Path("virtual".into())), Err(PortError::Virtual)));
     }
 
+    /// Whether a terminal refuses to be opened again. (By any but the superuser, who may run these tests.)
+    fn is_exclusive(port: &OwnedFd) -> bool {
+        /// TIOCGEXCL, `_IOR('T', 0x40, int)`.
+        const IS_EXCLUSIVE: rustix::ioctl::Opcode = rustix::ioctl::opcode::read::<i32>(b'T', 0x40);
+        // SAFETY: this request writes one `int`, which is what the getter makes room for.
+        let asked = unsafe { rustix::ioctl::ioctl(port, rustix::ioctl::Getter::<IS_EXCLUSIVE, i32>::new()) };
+        asked.unwrap() != 0
+    }
+
     #[tokio::test]
     async fn pitfall_24_a_port_is_opened_by_one_alone_and_free_again_afterwards() {
         let pair = pty().unwrap();
@@ -379,6 +388,8 @@ mod tests {
         let first = open(&pair.slave, &spec, &settings()).unwrap();
         let second = open(&pair.slave, &spec, &settings()).map(|_| ());
         assert!(matches!(second, Err(PortError::Busy { .. })), "{second:?}");
+        // The lock keeps out whoever looks for one, the terminal's own flag (TIOCEXCL) whoever does not.
+        assert!(is_exclusive(&first.door.0), "other users' programs may open it");
         drop(first);
         open(&pair.slave, &spec, &settings()).map(|_| ()).unwrap();
     }

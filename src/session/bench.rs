@@ -8,11 +8,12 @@ use super::event::AxisReading;
 use super::stop::{StopLevel, StopSwitch};
 use crate::clock::{Clock, Part, Timestamp, spent};
 use crate::device::camera::{Camera, CameraError};
-use crate::device::mover::{Mover, MoverError, Observer, Reference};
+use crate::device::mover::{Mover, MoverError, Observer, Reached, Reference};
 use crate::frame::Frame;
 use crate::image;
 use crate::motion::{AxisLimits, AxisRole, Coordinate, PoseMap};
 use crate::pose::Pose;
+use crate::protocol::StopKind;
 use std::collections::BTreeMap;
 use std::future::poll_fn;
 use std::task::Poll;
@@ -127,7 +128,7 @@ impl Bench {
         let rest: Vec<_> = self.movers.keys().filter(|name| **name != press).cloned().collect();
         for name in std::iter::once(press).chain(rest) {
             self.check_stop()?;
-            self.mover(&name).home().await.map_err(of_device(&name))?;
+            self.guarded(&name, async |mover: &mut Mover| mover.home().await).await?;
         }
         Ok(())
     }
@@ -314,7 +315,11 @@ impl Bench {
             return Ok(());
         }
         let target = [(role.axis.as_str(), role.to_axis(z_mm))];
-        self.move_device(&role.device, &target, mm_s).await
+        self.forget_rest();
+        let lifted =
+            self.mover(&role.device).move_to(&target, mm_s).await.map_err(of_device(&role.device))?;
+        self.has_settled(&lifted);
+        Ok(())
     }
 
     /// Waits until the stop of every device has come to its end: decelerated, held, acknowledged.
@@ -326,9 +331,18 @@ impl Bench {
         }
     }
 
+    /// Tells of devices that were trusted whether they still are.
+    pub(super) fn require_kept(&self, trusted: &[(String, Observer)]) -> Result<(), BenchError> {
+        self.require_referenced(|device| trusted.iter().any(|(name, _)| name == device))
+    }
+
     /// Refuses a picture of which nobody knows where it was taken.
     pub fn require_reference(&self) -> Result<(), BenchError> {
-        for (device, mover) in &self.movers {
+        self.require_referenced(|_| true)
+    }
+
+    fn require_referenced(&self, which: impl Fn(&str) -> bool) -> Result<(), BenchError> {
+        for (device, mover) in self.movers.iter().filter(|(device, _)| which(device)) {
             if mover.reference() != Reference::Referenced {
                 let last = mover.link().telemetry().last_loss;
                 let reason = last.as_deref().unwrap_or("the link was lost").to_owned();
@@ -366,9 +380,50 @@ impl Bench {
         feed: f64,
     ) -> Result<(), BenchError> {
         self.forget_rest();
-        let reached = self.mover(device).move_to(targets, feed).await.map_err(of_device(device))?;
-        (self.rested_at, self.settled_at) = (Some(reached.rested_at), Some(reached.settled_at));
+        let reached =
+            self.guarded(device, async |mover: &mut Mover| mover.move_to(targets, feed).await).await?;
+        self.has_settled(&reached);
         Ok(())
+    }
+
+    fn has_settled(&mut self, reached: &Reached) {
+        (self.rested_at, self.settled_at) = (Some(reached.rested_at), Some(reached.settled_at));
+    }
+
+    /// Lets one device act, and stops it when another one is lost meanwhile: an arm that has restarted has let go of the
+    /// sensor, and a slide must not go on below it.
+    async fn guarded<T>(
+        &mut self,
+        device: &str,
+        act: impl AsyncFnOnce(&mut Mover) -> Result<T, MoverError>,
+    ) -> Result<T, BenchError> {
+        let (others, switch) = (self.trusted_but(device), self.stop.clone());
+        let mover = self.mover(device);
+        let stop = mover.stop_handle();
+        let mut acting = std::pin::pin!(act(mover));
+        tokio::select! {
+            biased;
+            ended = &mut acting => ended.map_err(of_device(device)),
+            (other, reason) = first_lost(others) => {
+                // A stop of all has stopped this one, too, and may be what the other lost its position by.
+                if !switch.is_raised() {
+                    tracing::warn!("{device} is stopped: {other} was lost ({reason})");
+                    stop.stop(StopKind::Controlled);
+                }
+                // Its own end is a stop now; what matters is why.
+                _ = acting.await;
+                Err(of_device(&other)(MoverError::PositionLost { reason }))
+            }
+        }
+    }
+
+    /// Looks at the devices beside one whose positions are trusted.
+    pub(super) fn trusted_but(&self, device: &str) -> Vec<(String, Observer)> {
+        let others = self
+            .movers
+            .iter()
+            .filter(|(name, mover)| name.as_str() != device && mover.reference() == Reference::Referenced);
+        others.map(|(name, mover)| (name.clone(), mover.observer())).collect()
     }
 
     /// From now on nobody knows since when the picture is at rest: something moves, or somebody's hands do.
@@ -435,6 +490,17 @@ impl Bench {
     pub fn check_stop(&self) -> Result<(), BenchError> {
         if self.stop.is_raised() { Err(BenchError::Stopped) } else { Ok(()) }
     }
+}
+
+/// Waits until one of some devices is lost; which, and why.
+pub(super) async fn first_lost(others: Vec<(String, Observer)>) -> (String, String) {
+    let wait = |(name, mut seen): (String, Observer)| Box::pin(async move { (name, seen.lost().await) });
+    let mut waiting: Vec<_> = others.into_iter().map(wait).collect();
+    poll_fn(|context| {
+        let mut each = waiting.iter_mut().map(|one| one.as_mut().poll(context));
+        each.find(Poll::is_ready).unwrap_or(Poll::Pending)
+    })
+    .await
 }
 
 /// Coordinates that go along one straight line, and how fast.

@@ -13,7 +13,7 @@ pub mod hold;
 
 use super::bench::{Bench, BenchError, Feeds, of_device};
 use crate::device::link::StopHandle;
-use crate::device::mover::MoverError;
+use crate::device::mover::{MoverError, Reference};
 use crate::motion::Coordinate;
 use crate::pose::Pose;
 use crate::protocol::{Failure, StopKind};
@@ -202,7 +202,11 @@ impl<'a> Jog<'a> {
         // Pieces of bench time; the last of them has been carried out at `until`.
         let (mut at, mut until) = (here, Instant::now());
         let mut sent = Ok(());
-        while at != end && self.hold.gliding(Instant::now()) == Some(direction) {
+        let others = self.bench.trusted_but(&role.device);
+        while others.iter().all(|(_, other)| other.look().reference == Reference::Referenced)
+            && at != end
+            && self.hold.gliding(Instant::now()) == Some(direction)
+        {
             let length = feed * PIECE.as_secs_f64() * clock.speed();
             let next = at + direction.sign() * length;
             at = if direction.positive { next.min(end) } else { next.max(end) };
@@ -257,7 +261,9 @@ impl<'a> Jog<'a> {
             // A key that is still held does not begin again from here.
             self.hold.let_go();
         }
-        sent.and(ended.map(drop)).map_err(of_device(&role.device))
+        sent.and(ended.map(drop)).map_err(of_device(&role.device))?;
+        // What ended it may have been the loss of another device.
+        self.bench.require_kept(&others)
     }
 
     /// A target inside the limits, or `None` (and words for it) when there is nothing to move.

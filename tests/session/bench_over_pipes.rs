@@ -279,6 +279,12 @@ impl TestBench {
         }
     }
 
+    /// Makes a device fail so long after now.
+    pub fn strike_after(&self, name: &str, what: FaultKind, after_ms: u64) {
+        let at = self.clock.now().after(Duration::from_millis(after_ms)).since(self.started[name]);
+        with(&self.devices[name], |d| d.strike_later(Fault { at: Trigger::After(at), what }));
+    }
+
     /// When the fault of [`TestBench::strike_after_capture`] was due.
     pub fn struck_at(&self) -> Timestamp {
         self.struck_at.lock().unwrap().expect("a fault was planned")

@@ -17,6 +17,7 @@ use twinrig::device::mover::{MoverError, Reference};
 use twinrig::device::virtual_bench::{CameraFault, FaultKind};
 use twinrig::pose::Pose;
 use twinrig::protocol::Failure;
+use twinrig::session::bench::Feeds;
 use twinrig::session::touch_off::TouchOffError;
 use twinrig::session::{BenchError, Event, RealCapture, SessionError, StopLevel};
 
@@ -200,6 +201,30 @@ async fn pitfall_26_a_lost_stage_does_not_keep_a_trusted_arm_down() {
     assert!(is_lost, "{error:?}");
     assert_eq!(names(&events).last().unwrap(), "retracted", "{:?}", names(&events));
     assert!(b.height_mm() > 2.9, "{}", b.height_mm());
+    assert!(b.sent("stage").contains('!'), "and the other one is stopped, whatever it did");
+}
+
+#[tokio::test(start_paused = true)]
+async fn pitfall_26_what_moves_is_stopped_when_the_other_device_is_lost() {
+    for what in [FaultKind::Unplug, FaultKind::Reset] {
+        let mut b = TestBench::new(&press()).await.unwrap();
+        b.bench.home().await.unwrap();
+        let feeds = Feeds { mm_s: 2.0, deg_s: 10.0 };
+        let here = b.true_pose(b.clock.now());
+        // Three seconds to where the stage begins; then ten seconds' way for it, with the arm at rest.
+        b.strike_after("arm", what.clone(), 5000);
+        b.bench.go(&Pose { x_mm: here.x_mm - 5.0, ..here }, feeds).await.unwrap();
+        let (begun, from) = (b.clock.now(), b.true_pose(b.clock.now()));
+        let error = b.bench.go(&Pose { x_mm: from.x_mm - 20.0, ..from }, feeds).await.unwrap_err();
+        assert!(error.to_string().starts_with("device arm: the position was lost"), "{what:?}: {error}");
+        let took = b.clock.now().since(begun);
+        assert!(took < Duration::from_millis(3500), "{what:?}: the stage went on for {took:?}");
+        b.bench.come_to_rest().await;
+        let way = from.x_mm - b.true_pose(b.clock.now()).x_mm;
+        assert!(way > 1.0 && way < 6.0, "{what:?}: it was stopped on its way, after {way} mm");
+        assert!(b.sent("stage").contains('!'));
+        b.assert_at_rest_from_now_on().await;
+    }
 }
 
 #[tokio::test(start_paused = true)]

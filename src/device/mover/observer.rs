@@ -113,6 +113,20 @@ pub struct SeenAxis {
 }
 
 impl Observer {
+    /// Waits until the positions are no longer trusted, or the device is gone; tells why.
+    pub async fn lost(&mut self) -> String {
+        loop {
+            let telemetry = self.telemetry.borrow_and_update().clone();
+            if self.homed.reference(&telemetry) != Reference::Referenced {
+                let gone = telemetry.ended.map(|why| format!("the link was lost: {why}"));
+                return gone.or(telemetry.last_loss).unwrap_or_else(|| "it was homed anew".to_owned());
+            }
+            if self.telemetry.changed().await.is_err() {
+                return "the link was lost".to_owned();
+            }
+        }
+    }
+
     /// What is known now.
     pub fn look(&self) -> Seen {
         let telemetry = self.telemetry.borrow().clone();

@@ -4,7 +4,7 @@
 //! settings vanish with the last client, so one descriptor of the slave is kept open, in raw mode
 //! from the start (a cooked terminal would echo the emulator's words back to it). Because of that
 //! the master never sees a hang-up; the kernel's file notifications tell when clients come and go.
-//! When the last one goes, unread bytes are dropped, as a serial port drops them, and the exclusive
+//! When the last one goes, bytes that it did not read are dropped, as a serial port drops them, and the exclusive
 //! flag it may have set is cleared, so that the next one can open. When nobody listens, or nobody
 //! reads, what the device says is lost. There is no DTR line: whether a new client resets the board
 //! is the caller's choice.
@@ -159,10 +159,10 @@ impl Clients {
         (self.open == 0).then_some(Visit::Left)
     }
 
-    /// Leaves the port as a fresh one.
+    /// Leaves the port as a fresh one. What the client had written has left its port, as far as it can tell: it is read.
     fn tidy(&self) -> io::Result<()> {
         termios::ioctl_tiocnxcl(&self.keeper)?;
-        termios::tcflush(&self.keeper, QueueSelector::IOFlush)?;
+        termios::tcflush(&self.keeper, QueueSelector::IFlush)?;
         make_raw(&self.keeper)
     }
 }
@@ -276,8 +276,18 @@ mod tests {
         let mut second = open(&slave);
         assert_eq!(clients.next().await.unwrap(), Visit::Came);
         tokio::io::AsyncWriteExt::write_all(&mut stream, b"ok\r\n").await.unwrap();
-        let n = tokio::task::spawn_blocking(move || second.read(&mut buffer).map(|n| buffer[..n].to_vec()));
+        let n = tokio::task::spawn_blocking(move || {
+            let n = second.read(&mut buffer)?;
+            // What is said in leaving is said: the stop of a program that does nothing else.
+            second.write_all(b"M112\n")?;
+            io::Result::Ok(buffer[..n].to_vec())
+        });
         assert_eq!(n.await.unwrap().unwrap(), b"ok\r\n");
+        assert_eq!(clients.next().await.unwrap(), Visit::Left);
+        let mut heard = [0; 16];
+        let reading = tokio::io::AsyncReadExt::read(&mut stream, &mut heard);
+        let n = tokio::time::timeout(Duration::from_secs(10), reading).await.unwrap().unwrap();
+        assert_eq!(&heard[..n], b"M112\n");
     }
 
     #[tokio::test]
