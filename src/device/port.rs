@@ -386,10 +386,10 @@ mod tests {
         let pair = pty().unwrap();
         let spec = shipped("grbl");
         let first = open(&pair.slave, &spec, &settings()).unwrap();
-        let second = open(&pair.slave, &spec, &settings()).map(|_| ());
-        assert!(matches!(second, Err(PortError::Busy { .. })), "{second:?}");
         // The lock keeps out whoever looks for one, the terminal's own flag (TIOCEXCL) whoever does not.
         assert!(is_exclusive(&first.door.0), "other users' programs may open it");
+        let second = open(&pair.slave, &spec, &settings()).map(|_| ());
+        assert!(matches!(second, Err(PortError::Busy { .. })), "{second:?}");
         drop(first);
         open(&pair.slave, &spec, &settings()).map(|_| ()).unwrap();
     }
