@@ -243,7 +243,7 @@ fn a_tool_that_may_go_where_its_arm_cannot_is_warned_of() {
         assert_eq!(report.to_string().contains("\nwarning: "), !report.warnings.is_empty());
         report.warnings
     };
-    assert_eq!(warned(&[]), [String::new(); 0]);
+    assert_eq!(warned(&[]), Vec::<String>::new());
     let far = warned(&["devices.arm.kinematics.tool.x.max=150.0"]);
     assert_eq!(far.len(), 1);
     for words in ["[devices.arm.kinematics.tool]", "of the 16 corners", "x 150.000", "make the box smaller"] {

@@ -191,7 +191,9 @@ impl Mover {
 
     fn unless_halted(&self, silence: Failure) -> MoverError {
         match after_hard_stop(&self.spec) {
-            Some(afterwards) => MoverError::Halted { silence, afterwards: afterwards.to_owned() },
+            Some(afterwards) => {
+                MoverError::Halted { silence: Box::new(silence), afterwards: afterwards.to_owned() }
+            }
             None => silence.into(),
         }
     }

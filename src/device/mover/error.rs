@@ -101,7 +101,7 @@ pub enum MoverError {
     )]
     Halted {
         /// What was waited for, and what else silence may mean.
-        silence: Failure,
+        silence: Box<Failure>,
         /// What the stop has left behind, and what to do about it.
         afterwards: String,
     },
