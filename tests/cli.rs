@@ -401,6 +401,16 @@ fn a_move_of_axes_that_are_not_homed_says_how_they_are() {
 }
 
 #[test]
+fn an_arm_is_not_homed_for_a_pose_that_it_cannot_take() {
+    let wide = "devices.arm.kinematics.tool.x.max=150.0";
+    let arm = "rig_configs/servo_arm.toml";
+    let output = run(&["move", arm, "--x", "120", "--home", "--speed", "50", "--set", wide]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("device arm: (x 120.000") && said.contains("nothing was moved"), "{said}");
+}
+
+#[test]
 fn no_message_has_a_number_of_three_hundred_digits() {
     for args in [
         ["check", VIRTUAL, SMALL, "--set", "plan.clearance_mm=1e300"],

@@ -124,10 +124,15 @@ impl Args {
             return Exit::Refused;
         }
         let feeds = Feeds { mm_s: self.feed, deg_s: self.turn };
+        let given = |coordinate| wanted.iter().find(|(c, _)| *c == coordinate).and_then(|(_, v)| *v);
+        if !bench.is_referenced()
+            && let Err(e) = bench.refuse_from_home(given, feeds).await
+        {
+            screen::error(format_args!("{e}; nothing was moved"));
+            return Exit::Refused;
+        }
         let moved = async {
             if !bench.is_referenced() {
-                let given = |coordinate| wanted.iter().find(|(c, _)| *c == coordinate).and_then(|(_, v)| *v);
-                bench.refuse_from_home(given, feeds).await?;
                 bench.home().await?;
             }
             let (from, _) = bench.measured().await?;
