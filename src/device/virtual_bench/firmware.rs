@@ -76,7 +76,9 @@ pub enum EmulatorError {
         has: String,
     },
     /// A setting of the `[emulator]` table or of the options cannot be read.
-    #[error("emulator setting {setting}: {value} is not {allowed}; correct it in the protocol file, or in --setting")]
+    #[error(
+        "emulator setting {setting}: {value} is not {allowed}; correct it in the protocol file, or in --setting"
+    )]
     Setting {
         /// Which setting.
         setting: String,
