@@ -18,7 +18,10 @@ use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, TAU};
 /// Directions looked into.
 const DIRECTIONS: usize = echo::AROUND;
 /// Distances looked at, in cells.
-const DISTANCES: [f32; 10] = [1.0, 2.0, 3.0, 4.0, 5.5, 7.5, 10.0, 13.0, 17.0, 22.0];
+const DISTANCES: [f32; 25] = [
+    1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.5, 16.0, 17.5, 19.0, 21.0, 23.0, 25.0, 28.0,
+    31.0, 35.0, 39.0, 44.0,
+];
 /// Ground this even, up to the farthest distance, needs no look: a slope.
 const EVEN: f32 = 4e-3;
 /// Cells are no nearer to each other than this, in their edges.
@@ -42,6 +45,17 @@ pub struct Cell {
     pub area: f32,
     /// Pixels counted.
     pub count: f32,
+}
+
+impl Cell {
+    /// Of what a cell shows on level ground and on upright flanks the larger, standing for both, and whether it is the flank.
+    pub fn of(ground: &Cell, flank: &Cell) -> (Cell, bool) {
+        let steep = flank.area > ground.area;
+        let main = if steep { flank } else { ground };
+        let (count, area) = (ground.count + flank.count, ground.area + flank.area);
+        let position = main.position * (count / main.count.max(1e-6));
+        (Cell { position, normal: main.normal, area, count }, steep)
+    }
 }
 
 /// Nothing counted.
@@ -110,7 +124,7 @@ struct Means {
 }
 
 /// Cells beside the picture: as far as is looked.
-const MARGIN: usize = 22;
+const MARGIN: usize = 44;
 
 /// Where to look in a direction: cells aside and down.
 type Steps = [(isize, isize); DISTANCES.len()];
@@ -336,8 +350,8 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
             let mut below = upright
                 .choose(weight(before, along, nz), (nz - along * Eight::all(FRAC_PI_2)) * Eight::all(0.5));
             let mut environment: Option<usize> = None;
-            // Where the step before showed something, what shows next lies between the two.
-            let mut shown: Option<(usize, Mask)> = None;
+            // Where the step before showed something, what shows next lies between the two; first of all the cell itself.
+            let mut shown: Option<(usize, Mask)> = Some((at, zero.below(Eight::all(1.0))));
             for (aside, down) in steps {
                 let row = self.j as isize + down;
                 if row < 0 || row >= self.cells.size[1] as isize {
