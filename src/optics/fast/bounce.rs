@@ -19,8 +19,8 @@ use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, TAU};
 const DIRECTIONS: usize = echo::AROUND;
 /// Distances looked at, in cells.
 const DISTANCES: [f32; 25] = [
-    1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.5, 16.0, 17.5, 19.0, 21.0, 23.0, 25.0, 28.0,
-    31.0, 35.0, 39.0, 44.0,
+    1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.5, 16.0, 17.5, 19.0, 21.0, 23.0,
+    25.0, 28.0, 31.0, 35.0, 39.0, 44.0,
 ];
 /// Ground this even, up to the farthest distance, needs no look: a slope.
 const EVEN: f32 = 4e-3;

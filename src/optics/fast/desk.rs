@@ -390,8 +390,7 @@ impl Desk<'_> {
     #[inline(always)]
     pub fn cell_of(&self, x: usize, y: usize) -> Option<usize> {
         let columns = self.width.div_ceil(self.cell_px);
-        (self.cell_px < 4 || y % 4 == 1)
-            .then(|| (y - self.first) / self.cell_px * columns + x / self.cell_px)
+        (self.cell_px < 4 || y % 4 == 1).then(|| (y - self.first) / self.cell_px * columns + x / self.cell_px)
     }
 
     /// What a cell sends goes by its area: a flank's is larger than its picture, most so where it looks away.

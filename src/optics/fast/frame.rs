@@ -11,7 +11,7 @@ use super::horizon::Heights;
 use super::lanes::{Vectors, WIDTH, Work, with_widest};
 use super::raster::{Sample, corners};
 use super::slots::{POSITION, Slots};
-use super::source::{COARSE, LINES, Line};
+use super::source::{COARSE, KEPT, LINES, Line, with_means};
 use super::vector::{irradiance, quadrilateral};
 use crate::optics::{Albedo, Film, Mesh};
 use glam::{Vec2, Vec3};
@@ -224,7 +224,8 @@ impl Frame<'_> {
             }
             let column: Vec<Vec3> = above.iter().zip(below).map(|(a, b)| a.lerp(*b, t)).collect();
             let (upper, lower) = (&lifts[j * nx..][..nx], &lifts[(j + 1).min(ny - 1) * nx..][..nx]);
-            let around = |i: usize| [upper[i], upper[(i + 1).min(nx - 1)], lower[i], lower[(i + 1).min(nx - 1)]];
+            let around =
+                |i: usize| [upper[i], upper[(i + 1).min(nx - 1)], lower[i], lower[(i + 1).min(nx - 1)]];
             let torn = |z: [f32; 4]| {
                 let [low, high] = z.iter().fold([z[0]; 2], |[l, h], z| [l.min(*z), h.max(*z)]);
                 high - low > TORN_MM
@@ -363,8 +364,9 @@ impl Frame<'_> {
                 // Behind a light there is nothing to take off.
                 node[slots.gain(l)] = f32::from(u8::from(source.faces(*p)));
                 if slots.varying() {
-                    let numbers = &mut node[slots.line(l, 0)..][..6 * LINES];
-                    for (numbers, end) in numbers.chunks_exact_mut(3).zip(lines.iter().flatten()) {
+                    let numbers = &mut node[slots.line(l, 0)..][..6 * LINES.div_ceil(KEPT)];
+                    let kept = lines.iter().step_by(KEPT).flatten();
+                    for (numbers, end) in numbers.chunks_exact_mut(3).zip(kept) {
                         numbers.copy_from_slice(&end.to_array());
                     }
                 }
@@ -394,7 +396,7 @@ impl Frame<'_> {
             let lines = match slots.varying() {
                 true => {
                     let end = |k: usize, end: usize| Vec3::from_slice(&node[slots.line(l, k) + 3 * end..]);
-                    std::array::from_fn(|k| [end(k, 0), end(k, 1)])
+                    with_means(|k| [end(k, 0), end(k, 1)])
                 }
                 false => source.seen(p, None),
             };
@@ -406,30 +408,36 @@ impl Frame<'_> {
     #[inline(always)]
     fn horizons(&self, l: usize, p: Vec3, lines: &[Line; LINES], node: &mut [f32]) {
         let slots = &self.slots;
-        let (mut hides, mut rises, mut uneven) = (false, false, false);
+        let (mut hides, mut rises) = (false, false);
         let slopes = slots.horizons(l);
-        // A few lines first; the ones between only where the pad rises before one of these, and the finest only where
-        // the horizon bends.
-        let order = (0..LINES).step_by(COARSE).chain((2..LINES).step_by(COARSE)).chain((1..LINES).step_by(2));
-        for (turn, k) in order.enumerate() {
-            let coarse = turn < LINES.div_ceil(COARSE);
-            let between = |reach: usize| 0.5 * (node[slopes + k - reach] + node[slopes + k + reach]);
-            if k % 2 == 1 && rises && !uneven && !self.effort.thorough {
-                node[slopes + k] = between(1);
-                continue;
-            }
+        let follow = |k: usize, hides: &mut bool, rises: &mut bool| {
             let sight = Toward::new(lines[k]);
-            let horizon = match coarse || rises || self.effort.thorough {
-                true => sight.horizon(self.heights, p, slots.bent()),
-                false => sight.least(),
-            };
-            uneven |= !coarse && k % 2 == 0 && self.effort.fine && (horizon - between(2)).abs() > BENT;
-            node[slopes + k] = horizon;
-            hides |= horizon > sight.from.min(sight.to);
-            rises |= horizon > sight.least();
+            let horizon = sight.horizon(self.heights, p, slots.bent());
+            *hides |= horizon > sight.from.min(sight.to);
+            *rises |= horizon > sight.least();
+            horizon
+        };
+        // A few lines first, the ones between where the pad is higher anywhere...
+        for k in (0..LINES).step_by(COARSE) {
+            node[slopes + k] = follow(k, &mut hides, &mut rises);
         }
-        node[slots.light(l)] =
-            if hides { f32::from(1 + u8::from(uneven || self.effort.thorough)) } else { 0.0 };
+        let mut reach = COARSE / 2;
+        let mut bends = rises || self.effort.thorough || (self.effort.fine && self.heights.rises_above(p.z));
+        let mut flag = 0;
+        while reach > 0 {
+            let mut bent = false;
+            for k in (reach..LINES).step_by(2 * reach) {
+                let between = 0.5 * (node[slopes + k - reach] + node[slopes + k + reach]);
+                node[slopes + k] = if bends { follow(k, &mut hides, &mut rises) } else { between };
+                bent |= bends && (node[slopes + k] - between).abs() > BENT;
+            }
+            flag += u8::from(bends);
+            // ...or rises before one of these, and the finest only where the horizon bends.
+            let wanted = bent || (reach == COARSE / 2 && rises);
+            bends = wanted && self.effort.fine || self.effort.thorough;
+            reach /= 2;
+        }
+        node[slots.light(l)] = if hides { f32::from(flag.max(1)) } else { 0.0 };
     }
 }
 
@@ -475,10 +483,11 @@ impl Toward {
 /// Vector irradiance of a whole ribbon.
 #[inline(always)]
 fn outline(lines: &[Line; LINES]) -> Vec3 {
-    let mut around = [Vec3::ZERO; 2 * LINES];
-    for (k, [low, high]) in lines.iter().enumerate() {
+    const CORNERS: usize = 2 * LINES.div_ceil(KEPT);
+    let mut around = [Vec3::ZERO; CORNERS];
+    for (k, [low, high]) in lines.iter().step_by(KEPT).enumerate() {
         around[k] = *low;
-        around[2 * LINES - 1 - k] = *high;
+        around[CORNERS - 1 - k] = *high;
     }
     irradiance(&around)
 }
