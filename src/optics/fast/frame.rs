@@ -168,13 +168,13 @@ impl Frame<'_> {
             let (eye, echo) = (camera.origin, self.once.tables.echo.as_ref());
             let cells =
                 Cells { size, edge_mm, cells: &cells, lights: &lights, most_count, albedo, eye, echo };
-            let grids = match lights.len() {
-                1 => std::slice::from_ref(&self.once.total),
-                _ => &self.once.tables.probes[..],
+            let skylines = match lights.len() {
+                1 => std::slice::from_ref(&self.once.skyline),
+                _ => &self.once.tables.skylines[..],
             };
             let grounds = if lights.len() == 1 { &self.once.grounds[..1] } else { &self.once.grounds[1..] };
             let untouched = |film: usize, p: Vec3| Untouched {
-                sky: grids[film].at(p),
+                sky: skylines[film].at(p),
                 // (Under the table it holds what it has at the untouched face.)
                 ground: Vec3::from(grounds[film].at(p.with_z(f32::MIN))),
             };
