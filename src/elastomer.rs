@@ -20,7 +20,7 @@ pub mod settings;
 pub use capture::{ContactForces, ElastomerCapture, SolverStats, Surface};
 pub use material::{Law, Material};
 pub use mpm::ExplicitSolver;
-pub use pad::{Pad, PadShape};
+pub use pad::{Coating, Pad, PadShape};
 pub use quasi_static::QuasiStaticSolver;
 pub use settings::{Friction, Mode, Settings};
 

@@ -68,6 +68,13 @@ fn check_pad(pad: &Pad, problems: &mut Problems) {
         p.range("poisson_ratio", pad.material.poisson_ratio, 0.0, 0.499, "");
         p.range("density_g_mm3", pad.material.density_g_mm3, 1e-6, 100.0, "g/mm^3");
     });
+    if let Some(coating) = &pad.coating {
+        problems.within("coating", |p| {
+            p.range("thickness_mm", coating.thickness_mm, 1e-3, pad.thickness_mm / 2.0, "mm");
+            p.range("youngs_modulus_mpa", coating.youngs_modulus_mpa, 1e-4, 1e4, "MPa");
+            p.range("poisson_ratio", coating.poisson_ratio, 0.0, 0.499, "");
+        });
+    }
     let half = pad.size_x_mm.min(pad.size_y_mm) / 2.0;
     problems.within("shape", |p| match pad.shape {
         PadShape::Cuboid => {}

@@ -26,7 +26,36 @@ pub enum PadShape {
     },
 }
 
-/// A bonded elastic pad. The contact face is z = 0 at its centre, the backing lies below.
+impl PadShape {
+    /// Height of the untouched face of a pad of this extent, mm: 0 at its apex, below it towards the backing.
+    pub fn face_height_mm(self, size_mm: [f64; 2], [x, y]: [f64; 2]) -> f64 {
+        let cap = |radius: f64, r2: f64| (radius * radius - r2).max(0.0).sqrt() - radius;
+        match self {
+            PadShape::Cuboid => 0.0,
+            PadShape::Rounded { radius_mm } => {
+                let over = |at: f64, size: f64| (at.abs() - (size / 2.0 - radius_mm)).max(0.0);
+                cap(radius_mm, over(x, size_mm[0]).powi(2) + over(y, size_mm[1]).powi(2))
+            }
+            PadShape::Dome { radius_mm } => cap(radius_mm, x * x + y * y),
+            PadShape::Cylinder { radius_mm } => cap(radius_mm, x * x),
+        }
+    }
+}
+
+/// A skin of another stiffness on the face, bonded to the bulk: a reflective paint, a wear layer.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Coating {
+    /// Thickness, mm; part of the pad's.
+    pub thickness_mm: f64,
+    /// Young's modulus, MPa.
+    pub youngs_modulus_mpa: f64,
+    /// Poisson's ratio.
+    pub poisson_ratio: f64,
+}
+
+/// A bonded elastic pad. The contact face is z = 0 at its centre, the backing lies below, everywhere as far from the
+/// face of a dome or a cylinder as the pad is thick.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Pad {
@@ -40,4 +69,7 @@ pub struct Pad {
     pub thickness_mm: f64,
     /// Bulk material.
     pub material: Material,
+    /// Skin of another stiffness, of the bulk's law.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coating: Option<Coating>,
 }

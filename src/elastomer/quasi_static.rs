@@ -18,10 +18,13 @@
     reason = "tensor code reads best with indices; a negated comparison is how a NaN is caught"
 )]
 
+pub mod body;
 pub mod bridge;
 pub mod cascade;
+pub mod chart;
 pub mod cholesky;
 pub mod contact;
+pub mod frames;
 pub mod grid;
 pub mod lanes;
 pub mod law;
@@ -33,13 +36,14 @@ pub mod probe;
 mod refinement;
 pub mod resolution;
 pub mod springs;
+pub mod stack;
 
 use super::interrupt::Interrupt;
-use super::{
-    Elastomer, ElastomerCapture, Error, Friction, Material, Pad, PadShape, Settings, pose_can_be_reached,
-};
+use super::{Elastomer, ElastomerCapture, Error, Pad, Settings};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
+use body::Body;
+pub(super) use body::check;
 use cascade::{FINEST, Patience, REFINED, Step, follow, rest_at};
 use level::Level;
 use refinement::UNRESOLVED;
@@ -77,14 +81,6 @@ pub struct QuasiStaticSolver {
     interrupt: Interrupt,
     /// Newton iterations and tangent applications of levels that are no more.
     spent: [u64; 2],
-}
-
-/// What every level is made of.
-#[derive(Debug, Clone)]
-struct Body {
-    size_mm: [f64; 3],
-    material: Material,
-    friction: Friction,
 }
 
 impl QuasiStaticSolver {
@@ -127,15 +123,10 @@ impl QuasiStaticSolver {
         indenter: Arc<dyn Indenter>,
         start: &Pose,
     ) -> Result<Self, Error> {
-        pose_can_be_reached(start, pad.thickness_mm)?;
-        let mut material = pad.material;
-        material.law = settings.law.unwrap_or(material.law);
-        material.youngs_modulus_mpa = settings.youngs_modulus_mpa.unwrap_or(material.youngs_modulus_mpa);
-        material.poisson_ratio = settings.poisson_ratio.unwrap_or(material.poisson_ratio);
-        let size_mm = [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm];
-        let pad = Body { size_mm, material, friction: settings.friction };
+        let pad = Body::new(pad, settings);
+        pad.reaches(start)?;
         let mut levels: Vec<Step> = Vec::new();
-        let cascade = resolution.cascade(size_mm);
+        let cascade = resolution.cascade(pad.size_mm);
         for (n, resolution) in cascade.iter().enumerate() {
             let level = pad.level(resolution, *start, n + 1 < cascade.len());
             levels.push(Step::after(&levels, level));
@@ -182,15 +173,9 @@ impl QuasiStaticSolver {
     }
 }
 
-impl Body {
-    fn level(&self, resolution: &Resolution, at: Pose, guesses: bool) -> Level {
-        Level::new(self.size_mm, &self.material, self.friction, resolution, at, guesses)
-    }
-}
-
 impl Elastomer for QuasiStaticSolver {
     fn advance(&mut self, pose: &Pose) -> Result<(), Error> {
-        pose_can_be_reached(pose, self.pad.size_mm[2])?;
+        self.pad.reaches(pose)?;
         if self.dispensable && self.unrefined.is_some() && self.drags(pose) {
             self.again_unrefined()?;
         }
@@ -253,44 +238,6 @@ fn take_counters(levels: &mut [Step]) -> [u64; 2] {
         sums[1] += std::mem::take(&mut level.newton.passes);
     }
     sums
-}
-
-pub(super) fn check(pad: &Pad, settings: &Settings) -> Result<(), Error> {
-    let range = |key, value: f64, min: f64, max: f64, unit: &str| {
-        if value.is_finite() && value >= min && value <= max {
-            Ok(())
-        } else {
-            Err(Error::Setting {
-                key,
-                value: value.to_string(),
-                why: format!("choose a value from {min} to {max}{unit}"),
-            })
-        }
-    };
-    let m = &pad.material;
-    range(
-        "youngs_modulus_mpa",
-        settings.youngs_modulus_mpa.unwrap_or(m.youngs_modulus_mpa),
-        1e-4,
-        1e4,
-        " MPa",
-    )?;
-    range("poisson_ratio", settings.poisson_ratio.unwrap_or(m.poisson_ratio), 0.0, 0.499, "")?;
-    range("tolerance", settings.tolerance, 5e-4, 0.1, "")?;
-    range("size_x_mm", pad.size_x_mm, 1.0, 200.0, " mm")?;
-    range("size_y_mm", pad.size_y_mm, 1.0, 200.0, " mm")?;
-    range("thickness_mm", pad.thickness_mm, 0.1, 50.0, " mm")?;
-    if let Friction::Coefficient(mu) = settings.friction {
-        range("friction", mu, 0.0, 10.0, "")?;
-    }
-    if pad.shape != PadShape::Cuboid {
-        return Err(Error::Setting {
-            key: "shape",
-            value: format!("{:?}", pad.shape),
-            why: "flat pads, shape = { kind = \"cuboid\" }: no solver knows others".to_owned(),
-        });
-    }
-    Ok(())
 }
 
 #[cfg(test)]

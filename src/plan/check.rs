@@ -144,7 +144,14 @@ pub(crate) mod stand_ins {
             poisson_ratio: 0.45,
             density_g_mm3: 1.0,
         };
-        Pad { shape: PadShape::Cuboid, size_x_mm: 20.0, size_y_mm: 20.0, thickness_mm: 4.0, material }
+        Pad {
+            shape: PadShape::Cuboid,
+            size_x_mm: 20.0,
+            size_y_mm: 20.0,
+            thickness_mm: 4.0,
+            material,
+            coating: None,
+        }
     }
 
     pub(crate) fn indenters(plan: &Plan, half_mm: f64) -> BTreeMap<String, Arc<dyn Indenter>> {

@@ -12,7 +12,14 @@ const EDGE_BAND_MM: f64 = 0.1;
 pub fn pad(law: Law) -> Pad {
     // Density as in its units; only the explicit modes use it.
     let material = Material { law, youngs_modulus_mpa: 0.145, poisson_ratio: 0.45, density_g_mm3: 1.0 };
-    Pad { shape: PadShape::Cuboid, size_x_mm: 20.0, size_y_mm: 20.0, thickness_mm: 4.0, material }
+    Pad {
+        shape: PadShape::Cuboid,
+        size_x_mm: 20.0,
+        size_y_mm: 20.0,
+        thickness_mm: 4.0,
+        material,
+        coating: None,
+    }
 }
 
 /// A body by its shape alone.

@@ -85,7 +85,7 @@ impl View {
         });
         let [nx, ny] = if pad.shape == PadShape::Cuboid { [2, 2] } else { REST_LATTICE };
         let size = [pad.size_x_mm, pad.size_y_mm];
-        let rest = DisplacedSurface::resting(nx, ny, size, |x, y| rest_height(pad.shape, size, [x, y]));
+        let rest = DisplacedSurface::resting(nx, ny, size, |x, y| pad.shape.face_height_mm(size, [x, y]));
         let store = self.store.as_ref();
         let imager = Imager::with_store(&self.sensor, self.method, background, &rest, store)?;
         imager.notices().iter().for_each(|notice| tracing::warn!("{notice}"));
@@ -143,27 +143,13 @@ const CONTACT_MARGIN_MM: f64 = 0.7;
 /// Points of the untouched face of a pad that is not flat.
 const REST_LATTICE: [usize; 2] = [201, 201];
 
-/// Height of the untouched face, mm: 0 at its apex, below it towards the camera.
-fn rest_height(shape: PadShape, size_mm: [f64; 2], [x, y]: [f64; 2]) -> f64 {
-    let cap = |radius: f64, r2: f64| (radius * radius - r2).max(0.0).sqrt() - radius;
-    match shape {
-        PadShape::Cuboid => 0.0,
-        PadShape::Rounded { radius_mm } => {
-            let over = |at: f64, size: f64| (at.abs() - (size / 2.0 - radius_mm)).max(0.0);
-            cap(radius_mm, over(x, size_mm[0]).powi(2) + over(y, size_mm[1]).powi(2))
-        }
-        PadShape::Dome { radius_mm } => cap(radius_mm, x * x + y * y),
-        PadShape::Cylinder { radius_mm } => cap(radius_mm, x * x),
-    }
-}
-
 /// The elastomer's surface in the optics' words.
 pub(super) fn displaced(surface: &Surface, shape: PadShape) -> DisplacedSurface {
     let size_mm = [surface.size_x_mm, surface.size_y_mm];
     let rest_z = match shape {
         PadShape::Cuboid => Vec::new(),
         _ => {
-            let height = |x: f64, y: f64| rest_height(shape, size_mm, [x, y]);
+            let height = |x: f64, y: f64| shape.face_height_mm(size_mm, [x, y]);
             DisplacedSurface::resting(surface.nx, surface.ny, size_mm, height).rest_z
         }
     };

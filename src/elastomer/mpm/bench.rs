@@ -134,7 +134,14 @@ pub fn throughput(load: &Load) -> Result<Throughput, Error> {
 fn measure(load: &Load) -> Result<Throughput, Error> {
     let &Load { mode, law, particles, threads, steps, isa } = load;
     let material = Material { law, youngs_modulus_mpa: 0.145, poisson_ratio: 0.45, density_g_mm3: 1.0 };
-    let pad = Pad { shape: PadShape::Cuboid, size_x_mm: 20.0, size_y_mm: 20.0, thickness_mm: 4.0, material };
+    let pad = Pad {
+        shape: PadShape::Cuboid,
+        size_x_mm: 20.0,
+        size_y_mm: 20.0,
+        thickness_mm: 4.0,
+        material,
+        coating: None,
+    };
     let settings = Settings { mode, particles, ..Settings::default() };
     let start = Pose::new(0.0, 0.0, 0.0, 0.0);
     let mut solver =

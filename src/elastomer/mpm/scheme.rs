@@ -60,7 +60,14 @@ impl Scheme {
             return Err(refused(
                 "shape",
                 format!("{:?}", pad.shape),
-                "flat pads, shape = { kind = \"cuboid\" }: no solver knows others",
+                "the explicit modes know flat pads, shape = { kind = \"cuboid\" }: use elastomer.mode = \"quasi_static\" for others",
+            ));
+        }
+        if let Some(coating) = &pad.coating {
+            return Err(refused(
+                "coating",
+                format!("{} mm of {} MPa", coating.thickness_mm, coating.youngs_modulus_mpa),
+                "the explicit modes know pads of one material: use elastomer.mode = \"quasi_static\", or leave the coating out",
             ));
         }
         if let Friction::Coefficient(mu) = settings.friction {

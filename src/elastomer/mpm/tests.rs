@@ -23,6 +23,7 @@ fn pad(size: [f64; 3]) -> Pad {
             poisson_ratio: 0.45,
             density_g_mm3: 1.0,
         },
+        coating: None,
     }
 }
 

@@ -16,6 +16,7 @@
 //! A neo-Hookean face sheared much further folds ahead of the contact (Biot's surface instability), finer than
 //! the grid can follow. Short slides do not notice; long ones drag at this traction instead of more.
 
+use super::chart::Chart;
 use super::grid::{Grid, uniform_values};
 use crate::elastomer::Friction;
 use crate::indenter::Indenter;
@@ -78,6 +79,8 @@ struct Sample {
     sub: usize,
     /// Rest position.
     rest: DVec3,
+    /// Area, mm^2.
+    area: f64,
     /// Normal multiplier of its cell, MPa.
     multiplier: f64,
     /// Whether it carried pressure at the last update.
@@ -159,8 +162,9 @@ pub struct Contacts {
     /// Trace weights of the sub-samples along one axis.
     weights: Vec<[f64; 3]>,
     per_axis: usize,
-    /// Area of a sample, mm^2.
+    /// Area of a sample on a flat face, mm^2.
     area: f64,
+    chart: Option<Chart>,
     /// Penalty, MPa/mm.
     stiffness: f64,
     /// Tangential penalty, MPa/mm.
@@ -177,8 +181,16 @@ pub struct Contacts {
 }
 
 impl Contacts {
-    /// Samples over the whole face.
-    pub fn new(grid: &Grid, per_axis: usize, stiffness: f64, friction: Friction, strength: f64) -> Self {
+    /// Samples over the whole face, which `chart` bends, if anything does.
+    pub fn new(
+        grid: &Grid,
+        chart: Option<Chart>,
+        per_axis: usize,
+        stiffness: f64,
+        friction: Friction,
+        strength: f64,
+    ) -> Self {
+        let area = grid.hx * grid.hy / (per_axis * per_axis) as f64;
         let mut samples = Vec::with_capacity(grid.nx * grid.ny * per_axis * per_axis);
         let offset = |s: usize| (s as f64 + 0.5) / per_axis as f64;
         for j in 0..grid.ny {
@@ -189,7 +201,8 @@ impl Contacts {
                     samples.push(Sample {
                         cell: [i, j],
                         sub,
-                        rest: DVec3::new(x, y, 0.0),
+                        rest: DVec3::new(x, y, chart.map_or(0.0, |chart| chart.height_mm(x, y))),
+                        area: area * chart.map_or(1.0, |chart| chart.stretch(x, y)),
                         multiplier: 0.0,
                         loaded: false,
                         anchor: None,
@@ -209,7 +222,8 @@ impl Contacts {
             active: Vec::new(),
             weights: (0..per_axis).map(|s| uniform_values(offset(s))).collect(),
             per_axis,
-            area: grid.hx * grid.hy / (per_axis * per_axis) as f64,
+            area,
+            chart,
             stiffness,
             tangential: stiffness
                 * if friction == Friction::Infinite { STICK_SOFTNESS } else { SLIP_SOFTNESS },
@@ -294,7 +308,7 @@ impl Contacts {
         let [hx, hy] = indenter.half_extent_mm();
         let (sin, cos) = pose.theta_deg.to_radians().sin_cos();
         let to_pad = |v: DVec3| DVec3::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y, v.z);
-        let (k, kt, area) = (self.stiffness, self.tangential, self.area);
+        let (k, kt) = (self.stiffness, self.tangential);
         let mut active = std::mem::take(&mut self.active);
         active.clear();
         let mut samples = std::mem::take(&mut self.samples);
@@ -341,11 +355,11 @@ impl Contacts {
                     add_outer(&mut matrix, trial / length, -part * kt);
                 }
             }
-            let stiffness = rotate(&matrix, sin, cos).map(|v| v * area);
+            let stiffness = rotate(&matrix, sin, cos).map(|v| v * s.area);
             active.push(Active {
                 cell: s.cell,
                 sub: s.sub,
-                force: to_pad(force) * area,
+                force: to_pad(force) * s.area,
                 position: s.rest + moved,
                 stiffness,
                 normal: to_pad(normal),
@@ -601,6 +615,9 @@ impl Contacts {
                 for (y, wy) in corners.iter().enumerate() {
                     let side = |k: usize| if k == 0 { -half } else { half };
                     let mut p = middle + DVec3::new(side(x), side(y), 0.0);
+                    if let Some(chart) = &self.chart {
+                        p.z = chart.height_mm(p.x, p.y);
+                    }
                     let mut moved = [0.0; 3];
                     for (c, o) in moved.iter_mut().enumerate() {
                         for b in 0..3 {
@@ -622,7 +639,8 @@ impl Contacts {
     /// The pressed part of the face.
     pub fn patch(&self) -> Patch {
         let loaded = self.samples.iter().filter(|s| s.pressure > 0.0);
-        let (sum, n) = loaded.fold((0.0, 0), |(sum, n), s| (sum + s.pressure, n + 1));
+        let (sum, loaded_area, n) =
+            loaded.fold((0.0, 0.0, 0), |(sum, area, n), s| (sum + s.pressure, area + s.area, n + 1));
         let mean = sum / f64::from(n.max(1));
         let per_axis = self.per_axis;
         let cells = [self.cx - 2, self.plane / self.cx - 2];
@@ -632,7 +650,16 @@ impl Contacts {
             let (i, j) = (s.cell[0] * per_axis + s.sub % per_axis, s.cell[1] * per_axis + s.sub / per_axis);
             sign[j * nx + i] = ((s.multiplier - self.stiffness * s.gap) / mean).clamp(-OUTSIDE, 1.0);
         }
-        Patch { nx, ny, sign, area_mm2: self.area, touches: n > 0 }
+        let mean_area = loaded_area / f64::from(n.max(1));
+        Patch { nx, ny, sign, area_mm2: mean_area, touches: n > 0 }
+    }
+
+    /// How far the indenter stands below the face at rest, mm: on a flat one, the depth of its pose.
+    pub fn depth_mm(&self, indenter: &dyn Indenter, pose: &Pose) -> f64 {
+        match self.chart {
+            None => pose.depth_mm(),
+            Some(_) => -self.least_gap(indenter, pose, None),
+        }
     }
 
     /// Rest positions of the points that carry pressure.
@@ -648,7 +675,7 @@ pub struct Patch {
     ny: usize,
     /// Positive where the face is pressed; at most 1 in size.
     sign: Vec<f64>,
-    /// Area of a sample, mm^2.
+    /// Mean area of a pressed sample, mm^2.
     area_mm2: f64,
     touches: bool,
 }

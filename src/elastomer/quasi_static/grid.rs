@@ -28,7 +28,7 @@ pub struct Grid {
     pub hx: f64,
     /// Cell size in y, mm.
     pub hy: f64,
-    /// Cell heights from the base up, mm.
+    /// Cell heights from the base up, mm; one is zero where a coating begins.
     pub hz: Vec<f64>,
     /// Extent, mm.
     pub size: [f64; 3],
@@ -44,23 +44,38 @@ impl Grid {
     /// A grid over a pad of `size` mm with cells of at most `h` mm in the plane. Cell heights
     /// begin at `first` h at the face and grow by `growth` from cell to cell.
     pub fn new(size: [f64; 3], h: f64, first: f64, growth: f64) -> Self {
+        Self::below_coating(size, h, first, growth, 0.0)
+    }
+
+    /// As [`Self::new`], with cells that end `coating` mm below the face.
+    pub fn below_coating(size: [f64; 3], h: f64, first: f64, growth: f64, coating: f64) -> Self {
         let nx = 16 * Self::blocks(size[0], h);
         let hx = size[0] / nx as f64;
         let ny = ((size[1] / hx).round() as usize).max(8);
         let hy = size[1] / ny as f64;
+        let coats = (coating / (first * hx)).ceil() as usize;
+        let coat = coating / coats.max(1) as f64;
+        let bulk = size[2] - coating;
         let mut heights = Vec::new();
-        let (mut sum, mut next) = (0.0, first * hx);
-        while sum < size[2] - 1e-9 {
+        // Below a thin coating cells double until they are as high as they would be without it.
+        let mut next = if coats == 0 { first * hx } else { (2.0 * coat).min(first * hx) };
+        let mut sum = 0.0;
+        while sum < bulk - 1e-9 {
             heights.push(next);
             sum += next;
-            next *= growth;
+            next = if next < first * hx { (2.0 * next).min(first * hx) } else { next * growth };
         }
         while heights.len() < 4 {
             let last = heights.len() as f64;
             heights.push(heights[0].max(1e-6) * growth.powf(last));
         }
         let total: f64 = heights.iter().sum();
-        let hz: Vec<f64> = heights.iter().rev().map(|t| t * size[2] / total).collect();
+        let mut hz: Vec<f64> = heights.iter().rev().map(|t| t * bulk / total).collect();
+        if coats > 0 {
+            // A cell without height doubles the knot: strain may jump where the material does.
+            hz.push(0.0);
+            hz.extend(std::iter::repeat_n(coat, coats));
+        }
         let z = open_basis(&hz);
         Self { nx, ny, hx, hy, hz, size, x: uniform_basis(hx), y: uniform_basis(hy), z }
     }

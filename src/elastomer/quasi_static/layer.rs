@@ -13,6 +13,7 @@
 use super::grid::{CellBasis, Grid};
 use super::lanes::{Kernel, Lanes, WIDTH, dispatch};
 use super::operator::evenness;
+use super::stack::Stack;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -123,10 +124,9 @@ fn means(basis: &CellBasis) -> ([f64; 3], [f64; 3]) {
 }
 
 impl RestLayer {
-    /// Factors the rest state of a pad with Lame parameters in MPa.
-    pub fn new(grid: &Grid, mu: f64, lambda: f64) -> Self {
+    /// Factors the rest state of a pad.
+    pub fn new(grid: &Grid, stack: &Stack) -> Self {
         let (x, y) = (Waves::new(grid.cx()), Waves::new(grid.cy()));
-        let evenness = evenness(mu, lambda);
         let layers = grid.layers();
         let rows = 3 * (layers - 1);
         assert!(rows <= MOST_ROWS, "a grid has at most {} layers", MOST_ROWS / 3);
@@ -137,7 +137,7 @@ impl RestLayer {
             let sy = y.symbols(&grid.y, grid.hy, my);
             for mx in 0..x.n {
                 let sx = x.symbols(&grid.x, grid.hx, mx);
-                let factor = factor_mode(grid, mu, lambda, evenness, &sx, &sy);
+                let factor = factor_mode(grid, stack, &sx, &sy);
                 let base = (mx / WIDTH) * per_block + mx % WIDTH;
                 for (n, f) in factor.iter().enumerate() {
                     out[base + n * WIDTH] = *f as f32;
@@ -269,20 +269,17 @@ impl RestLayer {
 }
 
 /// Assembles and factors (L D L^T) one mode. Row order: layer, then component.
-fn factor_mode(
-    grid: &Grid,
-    mu: f64,
-    lambda: f64,
-    evenness: f64,
-    sx: &[[Symbol; 2]; 2],
-    sy: &[[Symbol; 2]; 2],
-) -> Vec<f64> {
+fn factor_mode(grid: &Grid, stack: &Stack, sx: &[[Symbol; 2]; 2], sy: &[[Symbol; 2]; 2]) -> Vec<f64> {
     let layers = grid.layers();
     let rows = 3 * (layers - 1);
     // a[row][BAND - (row - column)] holds the lower triangle.
     let mut a = vec![[0.0; BAND + 1]; rows];
     for (cell, (basis, h)) in grid.z.iter().zip(&grid.hz).enumerate() {
         let (mean_v, mean_d) = means(basis);
+        let (mu, lambda) = (stack.mu[cell], stack.lambda[cell]);
+        // Volume: cell means carry lambda less what levels volume out, full quadrature carries that.
+        let even = evenness(mu, lambda);
+        let mean = lambda - even;
         for p in 0..3 {
             for q in 0..3 {
                 let (k, l) = (cell + p, cell + q);
@@ -297,8 +294,6 @@ fn factor_mode(
                 let (m1, s1) = (h * mean_v[p] * mean_v[q], h * mean_d[p] * mean_d[q]);
                 let (dv1, vd1) = (h * mean_d[p] * mean_v[q], h * mean_v[p] * mean_d[q]);
                 let ([[x, x1], [ox, ox1]], [[y, y1], [oy, oy1]]) = (sx, sy);
-                // Volume: cell means carry lambda less what levels volume out, full quadrature carries that.
-                let (mean, even) = (lambda - evenness, evenness);
                 let shear = |x: &Symbol, y: &Symbol| {
                     mu * (x.stiffness * y.mass * m + x.mass * y.stiffness * m + x.mass * y.mass * s)
                 };

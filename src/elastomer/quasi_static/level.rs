@@ -1,7 +1,10 @@
 //! One resolution of the pad: its equilibrium, and the way from one to the next.
 
-use super::super::{ContactForces, ElastomerCapture, Error, Friction, Material, SolverStats, Surface};
+use super::super::{ContactForces, ElastomerCapture, Error, SolverStats, Surface};
+use super::body::Body;
+use super::chart::Chart;
 use super::contact::{Contacts, STICK_STRENGTH};
+use super::frames::Frames;
 use super::grid::Grid;
 use super::layer::RestLayer;
 use super::newton::{Machine, Newton, Outcome, Problem};
@@ -9,6 +12,7 @@ use super::operator::Operator;
 use super::probe;
 use super::resolution::{GUESS_RESIDUAL, Resolution};
 use super::springs::FaceGreen;
+use super::stack::Stack;
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use glam::Vec3;
@@ -53,6 +57,8 @@ const EDGE_MARGIN_MM: f64 = 1.0;
 #[derive(Debug)]
 pub struct Level {
     machine: Arc<Machine>,
+    /// The map of a pad that is not flat.
+    chart: Option<Chart>,
     /// Residual to reach, relative to the contact forces.
     residual: f64,
     /// Penetration that may remain, relative to depth.
@@ -84,28 +90,33 @@ pub struct Equilibrium {
 }
 
 impl Level {
-    /// A pad of `size` mm at rest, the indenter at `pose`; whether it only `guesses` for a finer one.
-    pub fn new(
-        size: [f64; 3],
-        material: &Material,
-        friction: Friction,
-        resolution: &Resolution,
-        pose: Pose,
-        guesses: bool,
-    ) -> Self {
-        let grid = Grid::new(size, resolution.cell_mm, resolution.first_height, resolution.growth);
-        let (mu, lambda) = (material.mu_mpa(), material.lambda_mpa());
-        let layer = RestLayer::new(&grid, mu, lambda);
+    /// A pad at rest, the indenter at `pose`; whether it only `guesses` for a finer one.
+    pub fn new(body: &Body, resolution: &Resolution, pose: Pose, guesses: bool) -> Self {
+        let Body { size_mm, material, friction, .. } = body;
+        let coating = body.coating.as_ref();
+        let grid = Grid::below_coating(
+            *size_mm,
+            resolution.cell_mm,
+            resolution.first_height,
+            resolution.growth,
+            coating.map_or(0.0, |c| c.thickness_mm),
+        );
+        let chart = Chart::new(body.shape, *size_mm);
+        let stack = Stack::coated(&grid, material, coating);
+        let layer = RestLayer::new(&grid, &stack);
         let green = FaceGreen::new(&grid, &layer);
         // 17 MPa/mm at E = 0.145 MPa and cells of 0.4 mm: ten times the pad's own stiffness at that scale;
         // the multipliers do the rest.
         let stiffness = 50.0 * material.youngs_modulus_mpa / grid.hx;
-        let contacts = Contacts::new(&grid, resolution.samples, stiffness, friction, STICK_STRENGTH * mu);
+        let strength = STICK_STRENGTH * stack.face_mu();
+        let contacts = Contacts::new(&grid, chart, resolution.samples, stiffness, *friction, strength);
         let u = vec![0.0; grid.field_len()];
         let least_force = 1e-5 * material.youngs_modulus_mpa * grid.hx * grid.hy;
-        let operator = Operator::new(grid, material.law, mu, lambda);
+        let frames = chart.map(|chart| Frames::new(&grid, &chart));
+        let operator = Operator::new(grid, material.law, &stack, chart.as_ref());
         Self {
-            machine: Arc::new(Machine { operator, layer, green }),
+            chart,
+            machine: Arc::new(Machine { operator, layer, green, frames }),
             residual: resolution.residual,
             penetration: resolution.penetration,
             least_force,
@@ -128,6 +139,7 @@ impl Level {
     pub fn fork(&self) -> Self {
         Self {
             machine: Arc::clone(&self.machine),
+            chart: self.chart,
             residual: self.residual,
             penetration: self.penetration,
             least_force: self.least_force,
@@ -291,7 +303,8 @@ impl Level {
     /// only when this does not converge.
     fn settle(&mut self, problem: &Problem<'_>) -> Result<Outcome, Outcome> {
         let mut state = self.newton.begin(problem, &mut self.at.contacts, &self.at.u);
-        let allowed_mm = self.penetration * problem.pose.depth_mm().max(LEAST_DEPTH_MM);
+        let depth_mm = self.at.contacts.depth_mm(problem.indenter, problem.pose);
+        let allowed_mm = self.penetration * depth_mm.max(LEAST_DEPTH_MM);
         let mut spent = 0;
         let mut rounds = 0;
         loop {
@@ -342,12 +355,13 @@ impl Level {
     /// points: the penetration found there, and the residual. Calibrated against finite elements. A body that the
     /// sample points have missed altogether is seen by [`probe`].
     pub fn estimated_error(&self, indenter: &dyn Indenter) -> Option<f64> {
-        let depth = self.at.pose.depth_mm();
+        let depth = self.at.contacts.depth_mm(indenter, &self.at.pose);
         if depth <= 0.0 {
             return None;
         }
         let grid = self.machine.operator.grid();
-        let unseen = probe::unseen_penetration_mm(grid, &self.at.u, indenter, &self.at.pose);
+        let unseen =
+            probe::unseen_penetration_mm(grid, self.chart.as_ref(), &self.at.u, indenter, &self.at.pose);
         // A face at rest under a body that stands in it: nothing of the press is there.
         let Some(outcome) = self.at.outcome else { return (unseen > 0.0).then_some(1.0) };
         let between = self.at.contacts.penetration_between(indenter, &self.at.pose, &self.at.u);
@@ -408,7 +422,7 @@ impl Level {
         let patch = self.at.contacts.patch();
         for (y, j, wy) in &ys {
             for (x, i, wx) in &xs {
-                let mut p = [*x, *y, 0.0];
+                let mut p = [*x, *y, self.chart.map_or(0.0, |chart| chart.height_mm(*x, *y))];
                 for (c, p) in p.iter_mut().enumerate() {
                     let plane = &self.at.u[grid.at(c, top)..][..grid.plane()];
                     for (b, wy) in wy.iter().enumerate() {

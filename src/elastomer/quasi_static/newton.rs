@@ -7,6 +7,7 @@
 
 use super::super::interrupt::Interrupt;
 use super::contact::Contacts;
+use super::frames::Frames;
 use super::layer::RestLayer;
 use super::operator::{Evaluation, LEAST_VOLUME, Operator, Tangent};
 use super::springs::{FaceGreen, Springs};
@@ -30,6 +31,8 @@ pub struct Machine {
     pub layer: RestLayer,
     /// Its surface response.
     pub green: FaceGreen,
+    /// How both are laid along a face that is not flat.
+    pub frames: Option<Frames>,
 }
 
 /// Buffers and counters of the iteration.
@@ -96,7 +99,7 @@ impl Newton {
         let state = self.begin(problem, contacts, u);
         if state.valid() {
             self.iterations += 1;
-            self.springs.update(grid, &problem.machine.green, contacts);
+            self.springs.update(grid, &problem.machine.green, problem.machine.frames.as_ref(), contacts);
             self.direction(problem, contacts, 0.1);
             let mut trial = std::mem::take(&mut self.trial);
             let mut part = 1.0;
@@ -164,7 +167,7 @@ impl Newton {
         while state.relative > goal && iterations < MOST_ITERATIONS && state.valid() {
             iterations += 1;
             self.iterations += 1;
-            self.springs.update(grid, &problem.machine.green, contacts);
+            self.springs.update(grid, &problem.machine.green, problem.machine.frames.as_ref(), contacts);
             self.direction(problem, contacts, f64::max(forcing, 0.3 * goal / state.relative));
             let before = state.relative;
             let Some(next) = self.search(problem, contacts, u) else { break };
@@ -206,7 +209,8 @@ impl Newton {
 
     /// Conjugate gradients for `step` = -K^-1 residual, to a relative reduction `goal`.
     fn direction(&mut self, problem: &Problem<'_>, contacts: &Contacts, goal: f64) {
-        let (op, layer) = (&problem.machine.operator, &problem.machine.layer);
+        let Machine { operator: op, layer, frames, .. } = problem.machine;
+        let frames = frames.as_ref();
         let grid = op.grid();
         let n = grid.field_len();
         for v in [&mut self.r, &mut self.z, &mut self.p, &mut self.ap] {
@@ -216,7 +220,7 @@ impl Newton {
         for (r, v) in self.r.iter_mut().zip(&self.residual) {
             *r = -v;
         }
-        self.springs.apply(grid, layer, &self.r, &mut self.z);
+        self.springs.apply(grid, layer, frames, &self.r, &mut self.z);
         self.p.copy_from_slice(&self.z);
         let mut rz = dot(&self.r, &self.z);
         // In the preconditioner's norm: the stiff contact springs do not hide the soft pad.
@@ -239,7 +243,7 @@ impl Newton {
             let alpha = (rz / curvature) as f32;
             add_scaled(&mut self.step, &self.p, alpha);
             add_scaled(&mut self.r, &self.ap, -alpha);
-            self.springs.apply(grid, layer, &self.r, &mut self.z);
+            self.springs.apply(grid, layer, frames, &self.r, &mut self.z);
             let next = dot(&self.r, &self.z);
             if next <= stop {
                 break;

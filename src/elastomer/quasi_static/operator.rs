@@ -6,12 +6,14 @@
 //! grouped into slabs whose outputs are added in a fixed order, so that results do not depend on the
 //! number of threads.
 
-use super::grid::Grid;
+use super::chart::Chart;
+use super::grid::{GAUSS, Grid};
 use super::lanes::{Kernel, Lanes, WIDTH, dispatch};
 use super::law::{
     BARRIER_BEGINS, COROTATED_FIELDS, Mat, NEO_HOOKEAN_FIELDS, barrier, cofactor, cofactor_change, inner,
     plus_identity, rotation, rotation_change, spin_stiffness_inverse, volume_change,
 };
+use super::stack::Stack;
 use crate::elastomer::Law;
 use rayon::prelude::*;
 
@@ -37,12 +39,120 @@ pub struct Evaluation {
 pub struct Operator {
     grid: Grid,
     law: Law,
-    mu: f32,
-    lambda: f32,
-    /// Stiffness against uneven volume within a cell, MPa.
-    evenness: f32,
+    /// What each layer of cells is made of, from the base up.
+    moduli: Vec<Moduli>,
     slabs: Vec<(usize, usize)>,
     tables: Tables,
+    /// Absent for a box.
+    bend: Option<Bend>,
+}
+
+/// Elastic constants of a cell, MPa.
+#[derive(Debug, Clone, Copy)]
+struct Moduli {
+    mu: f32,
+    lambda: f32,
+    /// Stiffness against uneven volume within a cell.
+    evenness: f32,
+}
+
+/// The map from the grid's box to where the material rests, at every point, in the order of a [`sweep`]: the inverse
+/// of its derivative and its determinant.
+#[derive(Debug, Clone)]
+struct Bend {
+    data: Vec<f32>,
+}
+
+/// Numbers of a [`Bend`] per point.
+const BEND_FIELDS: usize = 10;
+
+impl Bend {
+    fn new(grid: &Grid, chart: &Chart) -> Self {
+        let per_cell = 8 * BEND_FIELDS * WIDTH;
+        let per_row = per_cell * grid.hz.len() * (grid.nx / WIDTH);
+        let mut data = vec![0.0; per_row * grid.ny];
+        let bottoms: Vec<f64> = grid.knots_z()[2..].iter().map(|z| z - grid.size[2]).collect();
+        data.par_chunks_mut(per_row).enumerate().for_each(|(j, row)| {
+            for (n, cell) in row.chunks_mut(per_cell).enumerate() {
+                let (block, k) = (n / grid.hz.len(), n % grid.hz.len());
+                for p in 0..8 {
+                    let [gx, gy, gz] = [p & 1, (p >> 1) & 1, p >> 2].map(|g| GAUSS[g]);
+                    let y = (j as f64 + gy) * grid.hy - grid.size[1] / 2.0;
+                    let z = bottoms[k] + gz * grid.hz[k];
+                    for lane in 0..WIDTH {
+                        let x = ((block * WIDTH + lane) as f64 + gx) * grid.hx - grid.size[0] / 2.0;
+                        let jacobian = chart.jacobian(x, y, z);
+                        let inverse = jacobian.inverse();
+                        let mut put =
+                            |n: usize, v: f64| cell[(p * BEND_FIELDS + n) * WIDTH + lane] = v as f32;
+                        for a in 0..3 {
+                            for c in 0..3 {
+                                put(3 * a + c, inverse.col(c)[a]);
+                            }
+                        }
+                        put(9, jacobian.determinant());
+                    }
+                }
+            }
+        });
+        Self { data }
+    }
+}
+
+/// What a [`Bend`] makes of the points of sixteen cells.
+struct Metric<L> {
+    /// Volume of a point over the mean of the cell's.
+    share: [L; 8],
+    /// Mean volume over that of the box's.
+    volume: L,
+}
+
+impl<L: Lanes> Metric<L> {
+    /// Of a box.
+    #[inline(always)]
+    fn flat() -> Self {
+        Self { share: [L::splat(1.0); 8], volume: L::splat(1.0) }
+    }
+
+    /// Of sixteen bent cells, whose gradients become those in space.
+    #[inline(always)]
+    fn unbend(bend: &[f32], grad: &mut [Mat<L>; 8]) -> Self {
+        let mut share = [L::splat(0.0); 8];
+        let mut sum = L::splat(0.0);
+        for (p, h) in grad.iter_mut().enumerate() {
+            let inverse = read_matrix::<L>(&bend[p * BEND_FIELDS * WIDTH..]);
+            share[p] = L::load(&bend[(p * BEND_FIELDS + 9) * WIDTH..]);
+            sum = sum.add(share[p]);
+            for line in h.iter_mut() {
+                let of = *line;
+                for (c, to) in line.iter_mut().enumerate() {
+                    *to = of[2].fma(inverse[2][c], of[1].fma(inverse[1][c], of[0].mul(inverse[0][c])));
+                }
+            }
+        }
+        let volume = sum.mul(L::splat(0.125));
+        let part = L::splat(1.0).div(volume);
+        for s in &mut share {
+            *s = s.mul(part);
+        }
+        Self { share, volume }
+    }
+
+    /// Stresses in space become those of the box.
+    #[inline(always)]
+    fn bend(bend: &[f32], stress: &mut [Mat<L>; 8]) {
+        for (p, h) in stress.iter_mut().enumerate() {
+            let inverse = read_matrix::<L>(&bend[p * BEND_FIELDS * WIDTH..]);
+            let det = L::load(&bend[(p * BEND_FIELDS + 9) * WIDTH..]);
+            for line in h.iter_mut() {
+                let of = line.map(|v| v.mul(det));
+                for (a, to) in line.iter_mut().enumerate() {
+                    let i = &inverse[a];
+                    *to = of[2].fma(i[2], of[1].fma(i[1], of[0].mul(i[0])));
+                }
+            }
+        }
+    }
 }
 
 /// Basis tables in single precision; `z` is `[cell][gauss][spline] = (value, slope)`.
@@ -66,8 +176,8 @@ pub fn evenness(mu: f64, lambda: f64) -> f64 {
 }
 
 impl Operator {
-    /// The operator of `law` with Lame parameters in MPa on a grid.
-    pub fn new(grid: Grid, law: Law, mu: f64, lambda: f64) -> Self {
+    /// The operator of `law` on a grid that `chart` bends, if anything does.
+    pub fn new(grid: Grid, law: Law, stack: &Stack, chart: Option<&Chart>) -> Self {
         let single = |b: &super::grid::CellBasis| {
             let cast = |m: [[f64; 3]; 2]| m.map(|row| row.map(|v| v as f32));
             [cast(b.value), cast(b.slope)]
@@ -81,8 +191,14 @@ impl Operator {
         // Four rows to a slab keep the overlap small and leave enough slabs for every core.
         let count = (grid.ny / 4).max(1);
         let slabs = (0..count).map(|s| (s * grid.ny / count, (s + 1) * grid.ny / count)).collect();
-        let evenness = evenness(mu, lambda) as f32;
-        Self { grid, law, mu: mu as f32, lambda: lambda as f32, evenness, slabs, tables }
+        let moduli = |(mu, lambda): (&f64, &f64)| Moduli {
+            mu: *mu as f32,
+            lambda: *lambda as f32,
+            evenness: evenness(*mu, *lambda) as f32,
+        };
+        let moduli = stack.mu.iter().zip(&stack.lambda).map(moduli).collect();
+        let bend = chart.map(|chart| Bend::new(&grid, chart));
+        Self { grid, law, moduli, slabs, tables, bend }
     }
 
     /// The grid.
@@ -189,9 +305,18 @@ impl<L: Lanes> Layer<L> {
     }
 }
 
+/// Which sixteen cells of a sweep.
+#[derive(Clone, Copy)]
+struct Place {
+    /// Layer of cells, from the base up.
+    k: usize,
+    /// Where their data begin.
+    data: usize,
+}
+
 /// What happens at the eight points of sixteen cells: displacement gradients become weighted stresses.
 trait CellWork<L: Lanes> {
-    fn cell(&mut self, gradients: &mut [Mat<L>; 8], data: usize);
+    fn cell(&mut self, gradients: &mut [Mat<L>; 8], place: Place, metric: &Metric<L>);
 }
 
 /// Runs over the columns of one slab.
@@ -209,6 +334,8 @@ fn sweep<L: Lanes, W: CellWork<L>>(
     let t = &op.tables;
     let stride = op.cell_stride();
     let mut data = 0;
+    let bend_stride = 8 * BEND_FIELDS * WIDTH;
+    let mut bend = slab.0 * (g.nx / WIDTH) * depth * bend_stride;
     for j in slab.0..slab.1 {
         for i0 in (0..g.nx).step_by(WIDTH) {
             let mut ring = [Layer::<L>::zero(); 3];
@@ -242,7 +369,17 @@ fn sweep<L: Lanes, W: CellWork<L>>(
                         }
                     }
                 }
-                work.cell(&mut grad, data);
+                let place = Place { k, data };
+                match &op.bend {
+                    None => work.cell(&mut grad, place, &Metric::flat()),
+                    Some(all) => {
+                        let here = &all.data[bend..bend + bend_stride];
+                        let metric = Metric::unbend(here, &mut grad);
+                        work.cell(&mut grad, place, &metric);
+                        Metric::bend(here, &mut grad);
+                        bend += bend_stride;
+                    }
+                }
                 data += stride;
                 // And back.
                 let weight = t.weight[k];
@@ -378,17 +515,18 @@ struct Evaluate<'a, L> {
 
 impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
     #[inline(always)]
-    fn cell(&mut self, grad: &mut [Mat<L>; 8], at: usize) {
+    fn cell(&mut self, grad: &mut [Mat<L>; 8], place: Place, metric: &Metric<L>) {
         let op = self.op;
-        let (mu, lambda) = (L::splat(op.mu), L::splat(op.lambda));
+        let moduli = op.moduli[place.k];
+        let (mu, lambda) = (L::splat(moduli.mu), L::splat(moduli.lambda));
         let one = L::splat(1.0);
         let zero = L::splat(0.0);
         let mut j1 = [zero; 8];
         let mut mean = zero;
         let mut least = L::splat(f32::INFINITY);
-        for (j, h) in j1.iter_mut().zip(grad.iter()) {
+        for ((j, h), share) in j1.iter_mut().zip(grad.iter()).zip(&metric.share) {
             *j = volume_change(h);
-            mean = mean.add(*j);
+            mean = j.fma(*share, mean);
             least = least.min(j.add(one));
             self.poison = j.mul(zero).add(self.poison);
         }
@@ -396,7 +534,7 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
         // Elsewhere the barrier is exactly zero.
         let barred = least.to_array().iter().any(|j| *j < BARRIER_BEGINS);
         mean = mean.mul(L::splat(0.125));
-        let data = &mut self.data[at..at + op.cell_stride()];
+        let data = &mut self.data[place.data..place.data + op.cell_stride()];
         // Volumetric terms of the cell: pressure factor and its slope.
         let mut energy = zero;
         let (pressure, slope) = match op.law {
@@ -415,13 +553,14 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
         slope.store(&mut data[WIDTH..]);
         mean.add(one).store(&mut data[2 * WIDTH..]);
         L::splat(f32::from(u8::from(barred))).store(&mut data[3 * WIDTH..]);
-        let even = L::splat(op.evenness);
+        let even = L::splat(moduli.evenness);
         for (p, h) in grad.iter_mut().enumerate() {
+            let mut own = zero;
             let f = plus_identity(h);
             let c = cofactor(&f);
             let uneven = j1[p].sub(mean);
             let leveling = even.mul(uneven);
-            energy = L::splat(0.5).mul(leveling).fma(uneven, energy);
+            own = L::splat(0.5).mul(leveling).fma(uneven, own);
             match op.law {
                 Law::FixedCorotated => {
                     let r = rotation(&f);
@@ -440,7 +579,7 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
                     let mut pressure = pressure;
                     if barred {
                         let [wall, push, _] = barrier(j1[p].add(one));
-                        energy = lambda.fma(wall, energy);
+                        own = lambda.fma(wall, own);
                         pressure = lambda.fma(push, pressure);
                     }
                     let pressure = pressure.add(leveling);
@@ -448,7 +587,7 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
                     for i in 0..3 {
                         for j in 0..3 {
                             let e = f[i][j].sub(r[i][j]);
-                            energy = mu.mul(e).fma(e, energy);
+                            own = mu.mul(e).fma(e, own);
                             h[i][j] = two_mu.fma(e, pressure.mul(c[i][j]));
                         }
                     }
@@ -458,19 +597,21 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
                     let inv = one.div(j1[p].add(one));
                     let factor = inv.fnma(mu, pressure).add(leveling);
                     let half_mu = mu.mul(L::splat(0.5));
-                    energy = lanes_ln_1p(j1[p]).fnma(mu, energy);
+                    own = lanes_ln_1p(j1[p]).fnma(mu, own);
                     for i in 0..3 {
-                        energy = mu.fma(h[i][i], energy);
+                        own = mu.fma(h[i][i], own);
                         for j in 0..3 {
                             f[i][j].store(&mut data[(3 * i + j) * WIDTH..]);
-                            energy = half_mu.mul(h[i][j]).fma(h[i][j], energy);
+                            own = half_mu.mul(h[i][j]).fma(h[i][j], own);
                             h[i][j] = mu.fma(f[i][j], factor.mul(c[i][j]));
                         }
                     }
                 }
             }
+            energy = own.fma(metric.share[p], energy);
         }
-        let weight = op.tables.weight[(at / op.cell_stride()) % op.grid.hz.len()];
+        let weight = op.tables.weight[place.k];
+        let energy = energy.mul(metric.volume);
         self.energy += f64::from(weight) * energy.to_array().iter().map(|e| f64::from(*e)).sum::<f64>();
     }
 }
@@ -524,19 +665,20 @@ struct ApplyCorotated<'a> {
 
 impl<L: Lanes> CellWork<L> for ApplyCorotated<'_> {
     #[inline(always)]
-    fn cell(&mut self, grad: &mut [Mat<L>; 8], at: usize) {
-        let data = &self.data[at..at + (CELL_FIELDS + 8 * COROTATED_FIELDS) * WIDTH];
-        let two_mu = L::splat(2.0 * self.op.mu);
+    fn cell(&mut self, grad: &mut [Mat<L>; 8], place: Place, metric: &Metric<L>) {
+        let data = &self.data[place.data..place.data + (CELL_FIELDS + 8 * COROTATED_FIELDS) * WIDTH];
+        let moduli = self.op.moduli[place.k];
+        let two_mu = L::splat(2.0 * moduli.mu);
         let (pressure, slope) = (L::load(data), L::load(&data[WIDTH..]));
-        let even = L::splat(self.op.evenness);
+        let even = L::splat(moduli.evenness);
         let mut change = L::splat(0.0);
         for (p, d) in grad.iter().enumerate() {
             let f = read_matrix::<L>(&data[(CELL_FIELDS + p * COROTATED_FIELDS) * WIDTH..]);
-            change = change.add(inner(&cofactor(&f), d));
+            change = inner(&cofactor(&f), d).fma(metric.share[p], change);
         }
         let change = change.mul(slope.sub(even)).mul(L::splat(0.125));
         let pressure = even.fnma(L::load(&data[2 * WIDTH..]), pressure);
-        let lambda = L::splat(self.op.lambda);
+        let lambda = L::splat(moduli.lambda);
         let barred = data[3 * WIDTH] > 0.0;
         for (p, d) in grad.iter_mut().enumerate() {
             let data = &data[(CELL_FIELDS + p * COROTATED_FIELDS) * WIDTH..];
@@ -572,18 +714,19 @@ struct ApplyNeoHookean<'a> {
 
 impl<L: Lanes> CellWork<L> for ApplyNeoHookean<'_> {
     #[inline(always)]
-    fn cell(&mut self, grad: &mut [Mat<L>; 8], at: usize) {
-        let data = &self.data[at..at + (CELL_FIELDS + 8 * NEO_HOOKEAN_FIELDS) * WIDTH];
-        let mu = L::splat(self.op.mu);
+    fn cell(&mut self, grad: &mut [Mat<L>; 8], place: Place, metric: &Metric<L>) {
+        let data = &self.data[place.data..place.data + (CELL_FIELDS + 8 * NEO_HOOKEAN_FIELDS) * WIDTH];
+        let moduli = self.op.moduli[place.k];
+        let mu = L::splat(moduli.mu);
         let (pressure, slope) = (L::load(data), L::load(&data[WIDTH..]));
         let mut mean = L::splat(0.0);
         let mut own = [mean; 8];
         for (p, d) in grad.iter().enumerate() {
             let f = read_matrix::<L>(&data[(CELL_FIELDS + p * NEO_HOOKEAN_FIELDS) * WIDTH..]);
             own[p] = inner(&cofactor(&f), d);
-            mean = mean.add(own[p]);
+            mean = own[p].fma(metric.share[p], mean);
         }
-        let even = L::splat(self.op.evenness);
+        let even = L::splat(moduli.evenness);
         let mean = mean.mul(slope.sub(even)).mul(L::splat(0.125));
         let pressure = even.fnma(L::load(&data[2 * WIDTH..]), pressure);
         for (p, d) in grad.iter_mut().enumerate() {

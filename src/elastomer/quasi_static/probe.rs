@@ -4,6 +4,7 @@
 //! face is then found at rest under a body that stands in it. So the face is looked at again, on a lattice fine enough
 //! for the narrowest of the shipped bodies, and what is found counts as error.
 
+use super::chart::Chart;
 use super::grid::Grid;
 use crate::indenter::Indenter;
 use crate::pose::Pose;
@@ -14,7 +15,13 @@ use rayon::prelude::*;
 const SPACING_MM: f64 = 0.1;
 
 /// Root mean square of the penetration over the points of the face that lie in the indenter, mm; 0 where none does.
-pub fn unseen_penetration_mm(grid: &Grid, u: &[f32], indenter: &dyn Indenter, pose: &Pose) -> f64 {
+pub fn unseen_penetration_mm(
+    grid: &Grid,
+    chart: Option<&Chart>,
+    u: &[f32],
+    indenter: &dyn Indenter,
+    pose: &Pose,
+) -> f64 {
     let [hx, hy] = indenter.half_extent_mm();
     let reach = hx.hypot(hy) + SPACING_MM;
     let lattice = |at: f64, size: f64| {
@@ -35,7 +42,7 @@ pub fn unseen_penetration_mm(grid: &Grid, u: &[f32], indenter: &dyn Indenter, po
         let (j, wy) = Grid::trace(*y, grid.size[1], grid.ny);
         let (mut squares, mut inside) = (0.0, 0_u64);
         for (x, i, wx) in &columns {
-            let mut p = [*x, *y, 0.0];
+            let mut p = [*x, *y, chart.map_or(0.0, |chart| chart.height_mm(*x, *y))];
             for (c, p) in p.iter_mut().enumerate() {
                 let plane = &u[grid.at(c, top)..][..grid.plane()];
                 for (b, wy) in wy.iter().enumerate() {

@@ -7,6 +7,7 @@
 
 use super::cholesky::Cholesky;
 use super::contact::Contacts;
+use super::frames::Frames;
 use super::grid::Grid;
 use super::layer::RestLayer;
 use glam::{DMat3, DVec3};
@@ -148,15 +149,17 @@ pub struct Springs {
     face: Vec<f32>,
     load: Vec<f32>,
     y: Vec<f32>,
+    /// The residual in the frames of the face.
+    turned: Vec<f32>,
 }
 
 impl Springs {
     /// Gathers the springs of a linearised contact and factors their system.
-    pub fn update(&mut self, grid: &Grid, green: &FaceGreen, contacts: &Contacts) {
+    pub fn update(&mut self, grid: &Grid, green: &FaceGreen, frames: Option<&Frames>, contacts: &Contacts) {
         let mut block = 1;
         let most = MOST_SPRINGS[usize::from(grid.plane() >= FINE_PLANE)];
         let (groups, m) = loop {
-            let found = gather(grid, contacts, block);
+            let found = gather(grid, frames, contacts, block);
             if found.1 <= most {
                 break found;
             }
@@ -190,9 +193,22 @@ impl Springs {
     }
 
     /// z = M^-1 r.
-    pub fn apply(&mut self, grid: &Grid, layer: &RestLayer, r: &[f32], z: &mut [f32]) {
+    pub fn apply(
+        &mut self,
+        grid: &Grid,
+        layer: &RestLayer,
+        frames: Option<&Frames>,
+        r: &[f32],
+        z: &mut [f32],
+    ) {
         self.waves.resize(layer.waves_len(), 0.0);
-        layer.solve_to_waves(r, &mut self.waves);
+        match frames {
+            None => layer.solve_to_waves(r, &mut self.waves),
+            Some(frames) => {
+                frames.enter(grid, r, &mut self.turned);
+                layer.solve_to_waves(&self.turned, &mut self.waves);
+            }
+        }
         if !self.groups.is_empty() {
             let (n, cx) = (grid.plane(), grid.cx());
             self.face.resize(3 * n, 0.0);
@@ -236,6 +252,9 @@ impl Springs {
             layer.subtract_face_load(&self.load, &mut self.waves, &mut self.scratch);
         }
         layer.from_waves(&self.waves, z);
+        if let Some(frames) = frames {
+            frames.leave(grid, z);
+        }
     }
 }
 
@@ -251,7 +270,7 @@ fn mean_response(green: &FaceGreen, at: &Group, from: &Group) -> DMat3 {
 }
 
 /// Springs of cells gathered in blocks of `block` x `block`, and how many there are.
-fn gather(grid: &Grid, contacts: &Contacts, block: usize) -> (Vec<Group>, usize) {
+fn gather(grid: &Grid, frames: Option<&Frames>, contacts: &Contacts, block: usize) -> (Vec<Group>, usize) {
     let across = grid.nx.div_ceil(block);
     let mut places: Vec<Option<Group>> = vec![None; across * grid.ny.div_ceil(block)];
     for a in contacts.active() {
@@ -274,6 +293,10 @@ fn gather(grid: &Grid, contacts: &Contacts, block: usize) -> (Vec<Group>, usize)
         let stiff = axes.map(|d| d.dot(times(&g.stiffness, d)));
         let largest = stiff.iter().copied().fold(0.0, f64::max);
         g.along = axes.into_iter().zip(stiff).filter(|(_, e)| *e > 1e-3 * largest).collect();
+        if let Some(frames) = frames {
+            let frame = frames.at_cell(grid, g.cells[0]);
+            g.along.iter_mut().for_each(|(v, _)| *v = frame.transpose() * *v);
+        }
         g.first = count;
         count += g.along.len();
     }
@@ -291,6 +314,7 @@ fn times(k: &[f64; 6], d: DVec3) -> DVec3 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::stack::Stack;
     use super::*;
 
     /// Mean displacement of a cell for a unit force along `c` on another, through the layer itself.
@@ -318,7 +342,7 @@ mod tests {
     #[test]
     fn the_response_by_images_is_the_response_of_the_layer_also_beside_its_sides() {
         let grid = Grid::new([20.0, 14.0, 4.0], 1.2, 0.8, 1.25);
-        let layer = RestLayer::new(&grid, 0.05, 0.45);
+        let layer = RestLayer::new(&grid, &Stack::uniform(&grid, 0.05, 0.45));
         let green = FaceGreen::new(&grid, &layer);
         let cells = [[0, 0], [3, 1], [8, 5], [15, 10], [14, 0]];
         for at in cells {

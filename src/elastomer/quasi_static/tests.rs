@@ -1,12 +1,14 @@
 //! Physics of the quasi-static solver against other people's numbers.
 
 mod friction;
+mod pads;
 
 use super::grid::Grid;
 use super::layer::RestLayer;
 use super::operator::Operator;
+use super::stack::Stack;
 use super::*;
-use crate::elastomer::{ContactForces, Law, Material};
+use crate::elastomer::{ContactForces, Friction, Law, Material, PadShape};
 use glam::DVec3;
 
 /// A sphere whose lowest point is the tip.
@@ -40,6 +42,7 @@ pub(super) fn pad(law: Law) -> Pad {
         size_y_mm: 20.0,
         thickness_mm: 4.0,
         material: Material { law, youngs_modulus_mpa: 0.145, poisson_ratio: 0.45, density_g_mm3: 1.0 },
+        coating: None,
     }
 }
 
@@ -200,7 +203,7 @@ fn base_traction(law: Law, stretch: f64, shear: f64) -> [f64; 2] {
     let material = pad(law).material;
     let grid = Grid::new([8.0, 8.0, 4.0], 0.5, 0.8, 1.25);
     let u = homogeneous(&grid, stretch, shear);
-    let operator = Operator::new(grid.clone(), law, material.mu_mpa(), material.lambda_mpa());
+    let operator = Operator::new(grid.clone(), law, &Stack::coated(&grid, &material, None), None);
     let mut force = vec![0.0; grid.field_len()];
     operator.evaluate(&u, &mut force, &mut operator::Tangent::default());
     let sum = |c: usize| -> f64 {
@@ -246,7 +249,7 @@ fn wavy(grid: &Grid, size: f32, margin: usize) -> Vec<f32> {
 fn the_tangent_is_the_derivative_of_the_forces_and_symmetric() {
     for law in [Law::FixedCorotated, Law::NeoHookean] {
         let grid = Grid::new([8.0, 8.0, 4.0], 0.5, 0.8, 1.25);
-        let operator = Operator::new(grid.clone(), law, 0.05, 0.45);
+        let operator = Operator::new(grid.clone(), law, &Stack::uniform(&grid, 0.05, 0.45), None);
         let n = grid.field_len();
         let (u, d) = (wavy(&grid, 0.1, 0), wavy(&grid, 1.0, 3));
         let mut tangent = operator::Tangent::default();
@@ -283,8 +286,9 @@ fn the_tangent_is_the_derivative_of_the_forces_and_symmetric() {
 #[test]
 fn the_rest_layer_inverts_the_operator_away_from_the_sides() {
     let grid = Grid::new([8.0, 8.0, 4.0], 0.5, 0.8, 1.25);
-    let operator = Operator::new(grid.clone(), Law::FixedCorotated, 0.05, 0.45);
-    let layer = RestLayer::new(&grid, 0.05, 0.45);
+    let stack = Stack::uniform(&grid, 0.05, 0.45);
+    let operator = Operator::new(grid.clone(), Law::FixedCorotated, &stack, None);
+    let layer = RestLayer::new(&grid, &stack);
     let n = grid.field_len();
     let x = wavy(&grid, 1.0, 5);
     let (mut force, mut back) = (vec![0.0; n], vec![0.0; n]);
