@@ -133,7 +133,7 @@ impl<'a> Block<'a> {
             Some(lines) => Vectors::all(lines[line][end]) - points,
             None => {
                 let kept = |k: usize| vectors_at(&self.coefficients[self.slots.line(l, k) + 3 * end..], u, v);
-                if line % KEPT == 0 {
+                if line.is_multiple_of(KEPT) {
                     kept(line)
                 } else {
                     (kept(line - 1) + kept(line + 1)).scaled(Eight::all(0.5))
