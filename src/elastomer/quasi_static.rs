@@ -1,10 +1,11 @@
 //! The quasi-static elastomer: every waypoint is an equilibrium of the bonded pad.
 //!
-//! Total-Lagrangian, on quadratic B-splines over a grid that fits the pad ([`grid`]); stresses and
+//! Total-Lagrangian, on quadratic B-splines over a grid that fits the pad ([`grid`]), laid over domes, cylinders and
+//! rounded edges by a map ([`chart`]); what it is made of ([`body`], [`stack`]); stresses and
 //! tangents from the stored energy ([`law`], [`operator`]); unilateral contact with Coulomb or infinite
 //! friction against the indenter's signed distance ([`contact`]); Newton's method with conjugate gradients
 //! ([`newton`]), preconditioned by the inverse of the undeformed layer ([`layer`]) with the contact
-//! springs added by the Woodbury formula ([`springs`], [`cholesky`]). Relative rest, which the explicit modes reach by
+//! springs added by the Woodbury formula ([`springs`], [`cholesky`]), along a bent face ([`frames`]). Relative rest, which the explicit modes reach by
 //! looping, is here the friction law itself.
 //!
 //! A path is followed in increments ([`level`]), first on coarse grids, whose answers are the guesses of finer ones

@@ -6,7 +6,7 @@
 //!    the cut is taken off: ribbons ([`source`]) cut at the pad's horizon ([`horizon`]), in closed form, without noise.
 //! 2. *Indirect light* comes from walls and pad of the untouched sensor, solved once ([`radiosity`] over [`world`]) and
 //!    kept as irradiance over place and normal ([`probes`]). What the press itself changes in it is added as one bounce
-//!    on a coarse raster ([`bounce`]).
+//!    on a coarse raster ([`bounce`]), which knows by direction what walls it hides ([`skyline`]).
 //! 3. *What a pixel sees* is found by drawing the pad's lattice ([`raster`]) over the corners of pixels; fields and
 //!    horizons are worked out at nodes a few pixels apart and interpolated ([`frame`], [`desk`], [`shade`]), but for
 //!    [`crease`]s, which are sampled.
@@ -32,6 +32,7 @@ mod radiosity;
 mod raster;
 mod record;
 mod shade;
+mod skyline;
 mod slots;
 mod source;
 mod tables;
@@ -88,6 +89,8 @@ pub struct Precomputed {
     tables: Tables,
     /// Indirect light of all lights together.
     total: Grid<{ probes::NUMBERS }>,
+    /// Walls low over the face in the light of all.
+    skyline: Grid<{ skyline::NUMBERS }>,
     /// Indirect light by light in one number for three colours, where nothing in the sensor has a colour.
     greys: Option<Vec<Grid<{ probes::TERMS }>>>,
     /// Irradiance of the untouched face: of all lights together, and by light.
@@ -108,6 +111,8 @@ struct Tables {
     direct: Vec<Option<Grid<3>>>,
     /// By light.
     probes: Vec<Grid<{ probes::NUMBERS }>>,
+    /// By light: walls low over the face.
+    skylines: Vec<Grid<{ skyline::NUMBERS }>>,
     /// Fixed parts that corners of pixels see: inverse depth, and radiance by light; empty where none sees any.
     fixed: Vec<f32>,
     fixed_lights: Vec<Vec<Vec3>>,
@@ -175,6 +180,7 @@ impl Precomputed {
             echo,
             direct: tables::direct(&sources, slab.as_ref(), &direct_layout, rest),
             probes: probes::gather(&world, &solved, &probe_layout, rest),
+            skylines: skyline::gather(&world, &solved, &probe_layout, rest),
             fixed,
             fixed_lights,
             veils: slab.map_or_else(Vec::new, |slab| fixed::veils(&view, &slab, &world, &solved)),
@@ -228,6 +234,7 @@ impl Precomputed {
             grain: view.camera.width / untouched.camera.width,
             grounds: ground::grounds(&sources, &tables, &radiances),
             total: probes::total(&tables.probes, &radiances),
+            skyline: probes::total(&tables.skylines, &radiances),
             greys: tables.probes.iter().map(probes::grey).collect(),
             view,
             sources,
@@ -614,6 +621,7 @@ mod tests {
         for (name, height, bound) in [
             ("sphere", sphere as fn(f32, f32) -> f32, 0.006),
             ("punch", punch, 0.02),
+            ("step", |x, _| f32::from(u8::from(x > 0.5)), 0.02),
             ("flat", |_, _| 0.0, 0.005),
         ] {
             let scene = scene(bench_scene::Variant::Ac, height);

@@ -119,6 +119,33 @@ mod tests {
         assert!((mean - 127.5).abs() < 0.3 && (variance / truth - 1.0).abs() < 0.05, "{mean} {variance}");
     }
 
+    /// E = exposure L (1 - v r^2/r_corner^2), rounded; r from the middle of the picture.
+    #[test]
+    fn exposure_and_vignetting_follow_their_formula() {
+        let spec = ImageSpec { gamma: Some(1.0), vignetting: 0.3, ..ImageSpec::default() };
+        let codes = expose(&grey(0.4), &spec, 1.5, 0);
+        for (x, y) in [(0, 0), (63, 0), (10, 40), (31, 23), (32, 0)] {
+            let (dx, dy) = (x as f64 + 0.5 - 32.0, y as f64 + 0.5 - 24.0);
+            let truth = 255.0 * 1.5 * 0.4 * (1.0 - 0.3 * (dx * dx + dy * dy) / 1600.0);
+            assert!((f64::from(codes[(y * 64 + x) * 3]) - truth).abs() <= 0.51, "{x} {y} {truth}");
+        }
+    }
+
+    /// An edge under a Gaussian of width s is the normal distribution's integral: 0.1587 at a width before it.
+    #[test]
+    fn a_blurred_edge_is_the_integral_of_the_gaussian() {
+        let mut edge = grey(0.0);
+        edge.pixels
+            .iter_mut()
+            .enumerate()
+            .for_each(|(k, p)| *p = Vec3::splat(f32::from(u8::from(k % 64 >= 32))));
+        blur(&mut edge, 4.0);
+        // Pixel 32 begins at the edge: middles are half a pixel off.
+        for (x, truth) in [(31, 0.450_26), (29, 0.266_0), (27, 0.130_3), (36, 0.869_7)] {
+            assert!((edge.at(x, 20).x - truth).abs() < 3e-3, "{x} {}", edge.at(x, 20).x);
+        }
+    }
+
     #[test]
     fn blur_keeps_light_and_vignetting_darkens_the_corners() {
         let mut point = grey(0.0);

@@ -211,7 +211,7 @@ mod tests {
     fn the_same_number_is_the_same_case_and_every_family_comes() {
         let bodies = bodies();
         let families: std::collections::BTreeSet<Family> =
-            (0..200).map(|n| case(n, 1, &bodies).family).collect();
+            (0..330).map(|n| case(n, 1, &bodies).family).collect();
         assert_eq!(families.len(), Family::ALL.len());
         for n in 0..60 {
             // As text, because hostile settings hold what is not equal to itself.

@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 )]
 pub struct Args {
     /// How many cases; the first of any number are the same
-    #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, default_value_t = 330, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub cases: u32,
     /// Another seed draws other cases
     #[arg(long, default_value_t = 1)]

@@ -654,12 +654,16 @@ impl Contacts {
         Patch { nx, ny, sign, area_mm2: mean_area, touches: n > 0 }
     }
 
-    /// How far the indenter stands below the face at rest, mm: on a flat one, the depth of its pose.
+    /// How far the indenter reaches below the face at rest, mm: on a flat one, the depth of its pose.
     pub fn depth_mm(&self, indenter: &dyn Indenter, pose: &Pose) -> f64 {
-        match self.chart {
-            None => pose.depth_mm(),
-            Some(_) => -self.least_gap(indenter, pose, None),
+        if self.chart.is_none() {
+            return pose.depth_mm();
         }
+        let below = |s: &Sample| {
+            let p = pose.to_indenter(s.rest);
+            indenter.lower_surface(p.x, p.y).map_or(0.0, |lower| p.z - lower)
+        };
+        self.samples.iter().map(below).fold(0.0, f64::max)
     }
 
     /// Rest positions of the points that carry pressure.

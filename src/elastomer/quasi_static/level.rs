@@ -356,7 +356,7 @@ impl Level {
     /// sample points have missed altogether is seen by [`probe`].
     pub fn estimated_error(&self, indenter: &dyn Indenter) -> Option<f64> {
         let depth = self.at.contacts.depth_mm(indenter, &self.at.pose);
-        if depth <= 0.0 {
+        if depth <= 0.0 && self.chart.is_none() {
             return None;
         }
         let grid = self.machine.operator.grid();
@@ -364,6 +364,7 @@ impl Level {
             probe::unseen_penetration_mm(grid, self.chart.as_ref(), &self.at.u, indenter, &self.at.pose);
         // A face at rest under a body that stands in it: nothing of the press is there.
         let Some(outcome) = self.at.outcome else { return (unseen > 0.0).then_some(1.0) };
+        let depth = depth.max(LEAST_DEPTH_MM);
         let between = self.at.contacts.penetration_between(indenter, &self.at.pose, &self.at.u);
         let misfit = (MISFIT_TO_ERROR * between + self.at.penetration_mm).max(unseen);
         Some(misfit / depth + outcome.residual + FRICTION_TO_ERROR * self.at.unsettled)

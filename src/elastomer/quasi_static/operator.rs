@@ -616,10 +616,20 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
     }
 }
 
-/// ln(1 + x), lane by lane: once or nine times a cell, so the standard library's is fast enough.
+/// ln(1 + x) = 2 artanh(x / (2 + x)), by its series where that takes six terms (x from -0.4 to 0.66), else lane by lane.
 #[inline(always)]
 fn lanes_ln_1p<L: Lanes>(x: L) -> L {
-    L::load(&x.to_array().map(f32::ln_1p))
+    const FURTHEST: f32 = 0.25;
+    let t = x.div(L::splat(2.0).add(x));
+    if !t.to_array().iter().all(|t| t.abs() <= FURTHEST) {
+        return L::load(&x.to_array().map(f32::ln_1p));
+    }
+    let s = t.mul(t);
+    let mut sum = L::splat(1.0 / 11.0);
+    for n in [9.0, 7.0, 5.0, 3.0, 1.0] {
+        sum = sum.fma(s, L::splat(1.0 / n));
+    }
+    sum.mul(t.add(t))
 }
 
 struct ApplySlab<'a> {
@@ -740,6 +750,36 @@ impl<L: Lanes> CellWork<L> for ApplyNeoHookean<'_> {
             for i in 0..3 {
                 for j in 0..3 {
                     d[i][j] = along.fma(c[i][j], factor.fma(dc[i][j], mu.mul(d[i][j])));
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Logarithms([f32; WIDTH]);
+
+    impl Kernel for Logarithms {
+        type Output = [f32; WIDTH];
+        #[inline(always)]
+        fn run<L: Lanes>(self) -> [f32; WIDTH] {
+            lanes_ln_1p(L::load(&self.0)).to_array()
+        }
+    }
+
+    #[test]
+    fn logarithms_are_those_of_the_standard_library() {
+        for n in -99..1000 {
+            // All within the series, or one of them far out.
+            for spread in [1e-4, 0.5] {
+                let x: [f32; WIDTH] = std::array::from_fn(|i| 0.01 * n as f32 + spread * i as f32 / 16.0);
+                let found = dispatch(Logarithms(x));
+                for (x, found) in x.iter().zip(found) {
+                    let exact = f64::from(*x).ln_1p();
+                    assert!((f64::from(found) - exact).abs() <= 3e-7 * exact.abs(), "{x}: {found} {exact}");
                 }
             }
         }

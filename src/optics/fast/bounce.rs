@@ -11,6 +11,7 @@ use super::echo::{self, Echo, PER_WEIGHT, RISES, SLOPES};
 use super::grid::Grid;
 use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, with_widest};
 use super::probes::{self, NUMBERS};
+use super::skyline;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, TAU};
@@ -18,7 +19,10 @@ use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, TAU};
 /// Directions looked into.
 const DIRECTIONS: usize = echo::AROUND;
 /// Distances looked at, in cells.
-const DISTANCES: [f32; 10] = [1.0, 2.0, 3.0, 4.0, 5.5, 7.5, 10.0, 13.0, 17.0, 22.0];
+const DISTANCES: [f32; 25] = [
+    1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.5, 16.0, 17.5, 19.0, 21.0, 23.0,
+    25.0, 28.0, 31.0, 35.0, 39.0, 44.0,
+];
 /// Ground this even, up to the farthest distance, needs no look: a slope.
 const EVEN: f32 = 4e-3;
 /// Cells are no nearer to each other than this, in their edges.
@@ -42,6 +46,17 @@ pub struct Cell {
     pub area: f32,
     /// Pixels counted.
     pub count: f32,
+}
+
+impl Cell {
+    /// Of what a cell shows on level ground and on upright flanks the larger, standing for both, and whether it is the flank.
+    pub fn of(ground: &Cell, flank: &Cell) -> (Cell, bool) {
+        let steep = flank.area > ground.area;
+        let main = if steep { flank } else { ground };
+        let (count, area) = (ground.count + flank.count, ground.area + flank.area);
+        let position = main.position * (count / main.count.max(1e-6));
+        (Cell { position, normal: main.normal, area, count }, steep)
+    }
 }
 
 /// Nothing counted.
@@ -69,8 +84,8 @@ pub struct Cells<'a> {
 
 /// The untouched sensor's light, in a picture at a place.
 pub struct Untouched {
-    /// Polynomial of the indirect irradiance.
-    pub sky: [f32; NUMBERS],
+    /// Walls low over the face.
+    pub sky: [f32; skyline::NUMBERS],
     /// Irradiance of the face there.
     pub ground: Vec3,
 }
@@ -110,7 +125,7 @@ struct Means {
 }
 
 /// Cells beside the picture: as far as is looked.
-const MARGIN: usize = 22;
+const MARGIN: usize = 44;
 
 /// Where to look in a direction: cells aside and down.
 type Steps = [(isize, isize); DISTANCES.len()];
@@ -270,7 +285,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
         let nx = self.cells.size[0];
         let films = self.means.lights.len();
         let mut sums = vec![Vectors::all(Vec3::ZERO); films];
-        let mut skies: Vec<[Eight; NUMBERS]> = Vec::new();
+        let mut skies: Vec<[Eight; skyline::NUMBERS]> = Vec::new();
         for i in (0..nx).step_by(WIDTH) {
             let lanes = WIDTH.min(nx - i);
             let at = self.j * self.means.stride + MARGIN + i;
@@ -317,7 +332,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         at: usize,
         lanes: usize,
         sums: &mut [Vectors],
-        skies: &mut Vec<[Eight; NUMBERS]>,
+        skies: &mut Vec<[Eight; skyline::NUMBERS]>,
     ) -> Horizons {
         let mut horizons = [[Eight::all(0.0); 2]; DIRECTIONS];
         let means = self.means;
@@ -335,9 +350,8 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
             let mut before = upright.choose((-along).over(nz), Eight::all(f32::NEG_INFINITY));
             let mut below = upright
                 .choose(weight(before, along, nz), (nz - along * Eight::all(FRAC_PI_2)) * Eight::all(0.5));
-            let mut environment: Option<usize> = None;
-            // Where the step before showed something, what shows next lies between the two.
-            let mut shown: Option<(usize, Mask)> = None;
+            // Where the step before showed something, what shows next lies between the two; first of all the cell itself.
+            let mut shown: Option<(usize, Mask)> = Some((at, zero.below(Eight::all(1.0))));
             for (aside, down) in steps {
                 let row = self.j as isize + down;
                 if row < 0 || row >= self.cells.size[1] as isize {
@@ -358,14 +372,12 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                 let of_sky = positive.choose(now - zero.below(before).choose(below, zero), zero);
                 let of_ground = before.below(zero).choose(positive.choose(zero, now) - below, zero);
                 let (of_sky, of_ground) = (risen.choose(of_sky, zero), risen.choose(of_ground, zero));
-                if environment.is_none() && skies.is_empty() {
+                if skies.is_empty() {
                     self.gather(at, lanes, skies);
                 }
-                environment = Some(direction);
-                let tilted = (ahead * SKYWARDS.sin()).extend(SKYWARDS.cos());
+                let middle = (before.max(zero) + rise) * Eight::all(0.5);
                 for (film, sum) in sums.iter_mut().enumerate() {
-                    let environment =
-                        probes::irradiance_of(&skies[film], tilted).scaled(Eight::all(FRAC_1_PI));
+                    let environment = skyline::radiance(&skies[film], direction, middle);
                     let scaled = |light: Vectors| Vectors {
                         x: light.x * Eight::all(reflected.x),
                         y: light.y * Eight::all(reflected.y),
@@ -458,11 +470,11 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         }
     }
 
-    /// The untouched sensor's indirect light at eight cells, by picture.
+    /// The untouched sensor's walls at eight cells, by picture.
     #[inline(never)]
-    fn gather(&self, at: usize, lanes: usize, skies: &mut Vec<[Eight; NUMBERS]>) {
+    fn gather(&self, at: usize, lanes: usize, skies: &mut Vec<[Eight; skyline::NUMBERS]>) {
         for film in 0..self.means.lights.len() {
-            let mut numbers = [Eight::all(0.0); NUMBERS];
+            let mut numbers = [Eight::all(0.0); skyline::NUMBERS];
             for lane in 0..lanes {
                 let k = at + lane;
                 if self.means.heights[k] == f32::NEG_INFINITY {
@@ -477,9 +489,6 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         }
     }
 }
-
-/// Tilt of the normal whose irradiance stands for the walls that the pad hides, radians (found by experiment).
-const SKYWARDS: f32 = 0.9;
 
 /// A direction looked into.
 #[inline(always)]
@@ -498,6 +507,19 @@ fn weight(slope: Eight, along: Eight, up: Eight) -> Eight {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_narrow_flank_stands_for_a_cell_of_which_it_is_the_larger_part() {
+        let flat = Cell { position: Vec3::new(3.0, 0.0, 0.0), normal: Vec3::Z * 3.0, area: 3.0, count: 3.0 };
+        let flank =
+            Cell { position: Vec3::new(1.0, 0.0, 0.5), normal: Vec3::X * 18.0, area: 18.0, count: 1.0 };
+        let (cell, steep) = Cell::of(&flat, &flank);
+        assert!(steep && cell.area == 21.0 && cell.normal.normalize() == Vec3::X);
+        // Four pixels are counted, and lie where the flank does.
+        assert_eq!(cell.position / cell.count, Vec3::new(1.0, 0.0, 0.5));
+        let (cell, steep) = Cell::of(&flat, &EMPTY);
+        assert!(!steep && cell == flat);
+    }
 
     /// A wall of height 1 along x = 0 before a floor: the floor sees it under a known form factor.
     #[test]
@@ -530,11 +552,11 @@ mod tests {
             eye: Vec3::new(0.0, 0.0, 20.0),
             echo: None,
         };
-        let dark = |_, _| Untouched { sky: [0.0; NUMBERS], ground: Vec3::ZERO };
+        let dark = |_, _| Untouched { sky: [0.0; skyline::NUMBERS], ground: Vec3::ZERO };
         let rest = |_| Rest { lift: 0.0, normal: Vec3::Z };
         let gains = all.changes(dark, rest).gains;
         // An endless wall of height h at distance d fills (1 - cos(atan(h/d)))/2 of the floor's view.
-        for i in [36, 38] {
+        for i in [12, 20, 36, 38] {
             let d = -at(40 * nx + i);
             let truth: f32 = 0.5 * (1.0 - d / d.hypot(1.0));
             // (The change is told as part of the light that is there, which is bounded: brighter ground is changed less.)
@@ -544,7 +566,7 @@ mod tests {
             assert!(((gain - 1.0) / truth - 1.0).abs() < 0.25, "{d}: {gain} {truth}");
         }
         assert!(gains[0][40 * nx + 38].x > 2.9, "what was dark is bounded");
-        assert_eq!(gains[0][40 * nx + 5], Vec3::ONE);
+        assert_eq!(gains[0][40 * nx + 60], Vec3::ONE, "from the plateau nothing higher is seen");
         // Twice the light is twice the change.
         for (a, b) in gains[0].iter().zip(&gains[1]) {
             assert!((*a - *b).abs().max_element() < 1e-5, "{a} {b}");

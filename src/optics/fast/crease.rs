@@ -138,13 +138,13 @@ impl Desk<'_> {
     /// A pixel over a crease, or one whose corners see different things: the mean of the triangles there, or of its corners
     /// where those do not all see the pad.
     #[inline(never)]
-    pub fn mixed(&mut self, x: usize, y: usize, rectangle: Rectangle) {
+    pub fn mixed(&mut self, x: usize, y: usize, rectangle: Rectangle, steep: bool) {
         let corner = |dx: usize, dy: usize| self.frame.corner(x + dx, y + dy).map(|(_, triangle)| triangle);
         let triangles = [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)];
         if let [Some(a), Some(b), Some(c), Some(d)] = triangles
             && let Some(quads) = self.quads([a, b, c, d])
         {
-            self.pieced(x, y, rectangle, [a, b, c, d].map(|k| self.frame.normal(k)), quads);
+            self.pieced(x, y, rectangle, [a, b, c, d].map(|k| self.frame.normal(k)), quads, steep);
         } else {
             self.cornered(x, y, rectangle);
         }
@@ -176,6 +176,7 @@ impl Desk<'_> {
         [x0, y0, x1, y1]: Rectangle,
         corner_normals: [Vec3; 4],
         [i0, i1, j0, j1]: [usize; 4],
+        steep: bool,
     ) {
         let frame = self.frame;
         let once = frame.once;
@@ -217,9 +218,21 @@ impl Desk<'_> {
             self.sums.fill(Vectors::all(Vec3::ZERO));
             self.block.light([u, v], points, normals, &once.radiances, &mut self.sums);
             for (lane, piece) in batch.iter().enumerate() {
+                let pick = |v: &Vectors| Vec3::new(v.x.0[lane], v.y.0[lane], v.z.0[lane]);
+                let weight = piece.part * self.area(pick(&points), pick(&normals));
+                let cells = self.cells.len() / 2;
+                let cell = self.cell_of(x, y).filter(|_| steep);
+                if let Some(cell) = cell.map(|k| &mut self.cells[cells + k]) {
+                    cell.position += pick(&points) * piece.part;
+                    cell.normal += pick(&normals) * weight;
+                    cell.area += weight;
+                    cell.count += piece.part;
+                }
                 for (film, (sum, light)) in self.sums.iter().zip(&mut light).enumerate() {
-                    let value =
-                        albedos[lane] * Vec3::new(sum.x.0[lane], sum.y.0[lane], sum.z.0[lane]) * FRAC_1_PI;
+                    if let Some(k) = cell {
+                        self.light[(films + film) * cells + k] += pick(sum) * weight;
+                    }
+                    let value = albedos[lane] * pick(sum) * FRAC_1_PI;
                     *light += value * piece.part;
                     if film == 0 {
                         squares += value * value * piece.part;

@@ -168,7 +168,7 @@ impl Desk<'_> {
         let [x0, y0, x1, y1] = rectangle;
         let mut any = (y0..=y1).flat_map(|y| (x0..=x1).map(move |x| (x, y)));
         let Some((x, y)) = any.find(|&(x, y)| self.point(x, y).x != NOWHERE) else {
-            (y0..y1).for_each(|y| (x0..x1).for_each(|x| self.mixed(x, y, rectangle)));
+            (y0..y1).for_each(|y| (x0..x1).for_each(|x| self.mixed(x, y, rectangle, false)));
             return;
         };
         let mut borrowed = vec![0.0; self.frame.slots.stride()];
@@ -360,7 +360,7 @@ impl Desk<'_> {
             if uneven.any() {
                 for i in (0..lanes.count).filter(|&i| uneven.lane(i)) {
                     let (x, y) = lanes.pixel(i);
-                    self.mixed(x, y, rectangle);
+                    self.mixed(x, y, rectangle, steep.lane(i));
                 }
             }
         }
@@ -369,21 +369,14 @@ impl Desk<'_> {
     /// Adds pixels to the cells of the bounce; of large cells some rows stand for all.
     #[inline(always)]
     fn count(&mut self, lanes: Lanes, points: Vectors, normals: Vectors, not: Mask) {
-        let columns = self.width.div_ceil(self.cell_px);
-        let cells = self.cells.len();
-        let eye = self.frame.once.view.camera.origin;
+        let cells = self.cells.len() / 2;
         for i in 0..lanes.count {
             let (x, y) = lanes.pixel(i);
-            if not.lane(i) || (self.cell_px >= 4 && y % 4 != 1) {
-                continue;
-            }
-            let k = (y - self.first) / self.cell_px * columns + x / self.cell_px;
+            let Some(k) = self.cell_of(x, y).filter(|_| !not.lane(i)) else { continue };
             let pick = |v: &Vectors| Vec3::new(v.x.0[i], v.y.0[i], v.z.0[i]);
+            let weight = self.area(pick(&points), pick(&normals));
             let cell = &mut self.cells[k];
             cell.position += pick(&points);
-            // What a cell sends goes by its area: a flank's is larger than its picture, most so where it looks away.
-            let to_eye = (eye - pick(&points)).normalize_or(Vec3::Z);
-            let weight = to_eye.z / pick(&normals).dot(to_eye).max(LEVEL * to_eye.z);
             cell.normal += pick(&normals) * weight;
             cell.area += weight;
             cell.count += 1.0;
@@ -391,6 +384,20 @@ impl Desk<'_> {
                 self.light[film * cells + k] += pick(sum) * weight;
             }
         }
+    }
+
+    /// The cell that a pixel counts for, if it does.
+    #[inline(always)]
+    pub fn cell_of(&self, x: usize, y: usize) -> Option<usize> {
+        let columns = self.width.div_ceil(self.cell_px);
+        (self.cell_px < 4 || y % 4 == 1).then(|| (y - self.first) / self.cell_px * columns + x / self.cell_px)
+    }
+
+    /// What a cell sends goes by its area: a flank's is larger than its picture, most so where it looks away.
+    #[inline(always)]
+    pub fn area(&self, p: Vec3, n: Vec3) -> f32 {
+        let to_eye = (self.frame.once.view.camera.origin - p).normalize_or(Vec3::Z);
+        to_eye.z / n.dot(to_eye).max(LEVEL * to_eye.z)
     }
 
     /// Writes the light on pixels.

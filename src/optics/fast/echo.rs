@@ -255,7 +255,7 @@ fn on_face(start: Vec3, along: Vec3, rest: &impl Fn(Vec2) -> f32) -> Vec3 {
 }
 
 /// A direction of a range, spread as an even face sends.
-fn towards(direction: usize, a: f32, b: f32) -> Vec3 {
+pub fn towards(direction: usize, a: f32, b: f32) -> Vec3 {
     let phi = ((direction / RISES) as f32 + a) * (TAU / AROUND as f32);
     let sine2 = |k: usize| match SLOPES.get(k) {
         Some(slope) => {

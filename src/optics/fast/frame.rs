@@ -11,7 +11,7 @@ use super::horizon::Heights;
 use super::lanes::{Vectors, WIDTH, Work, with_widest};
 use super::raster::{Sample, corners};
 use super::slots::{POSITION, Slots};
-use super::source::{COARSE, LINES, Line};
+use super::source::{COARSE, KEPT, LINES, Line, with_means};
 use super::vector::{irradiance, quadrilateral};
 use crate::optics::{Albedo, Film, Mesh};
 use glam::{Vec2, Vec3};
@@ -25,6 +25,9 @@ const BELOW: f32 = 0.05;
 const BENT: f32 = 0.03;
 /// Largest edge of a cell of the bounce, mm.
 const CELL_MM: f32 = 0.26;
+/// Between cells whose heights differ by more, gains are those of cells that are as high as the pixel, within so much, mm.
+const TORN_MM: f32 = 0.3;
+const ALIKE_MM: f32 = 0.1;
 /// 1/sqrt(3).
 const RMS: f32 = 0.577_350_3;
 
@@ -119,21 +122,39 @@ impl Frame<'_> {
         let cell_px = self.cell_px();
         let size = [width.div_ceil(cell_px), height.div_ceil(NODE_PX) * (NODE_PX / cell_px)];
         let in_row = size[0] * (NODE_PX / cell_px);
-        let mut cells = vec![bounce::EMPTY; size[0] * size[1]];
-        let mut light = vec![Vec3::ZERO; size[0] * size[1] * films];
+        // (Twice each: what is level enough to have normals of its own, and flanks that are narrower than a pixel.)
+        let mut cells = vec![bounce::EMPTY; 2 * size[0] * size[1]];
+        let mut light = vec![Vec3::ZERO; size[0] * size[1] * 2 * films];
         let mut spreads = vec![0.0; height.div_ceil(NODE_PX)];
         let mut pixels = vec![Vec3::ZERO; width * height * films];
         pixels
             .par_chunks_mut(NODE_PX * width * films)
-            .zip(cells.par_chunks_mut(in_row))
-            .zip(light.par_chunks_mut(in_row * films))
+            .zip(cells.par_chunks_mut(2 * in_row))
+            .zip(light.par_chunks_mut(in_row * 2 * films))
             .zip(&mut spreads)
             .enumerate()
             .for_each(|(row, (((out, cells), light), spread))| {
                 with_widest(Row { frame: this, nodes: &nodes, row, cell_px, out, cells, light, spread });
             });
         let films = by_film(pixels, NODE_PX * width, films);
-        let lights = by_film(light, in_row, films.len());
+        let mut lights = by_film(light, in_row, 2 * films.len());
+        let flanks = lights.split_off(films.len());
+        let mut whole = Vec::with_capacity(size[0] * size[1]);
+        for (row, both) in cells.chunks(2 * in_row).enumerate() {
+            let (ground, flank) = both.split_at(both.len() / 2);
+            for (k, (ground, flank)) in ground.iter().zip(flank).enumerate() {
+                let (cell, steep) = Cell::of(ground, flank);
+                whole.push(cell);
+                if flank.area > 0.0 {
+                    let k = row * in_row + k;
+                    for (light, of_flank) in lights.iter_mut().zip(&flanks) {
+                        let main = if steep { of_flank[k] / flank.area } else { light[k] / ground.area };
+                        light[k] = main * cell.area;
+                    }
+                }
+            }
+        }
+        let cells = whole;
         let mut all: Vec<Film> = films.into_iter().map(|pixels| Film { width, height, pixels }).collect();
         let (mut bounced, mut echoed) = (0.0, 0.0);
         if self.effort.bounce {
@@ -147,22 +168,23 @@ impl Frame<'_> {
             let (eye, echo) = (camera.origin, self.once.tables.echo.as_ref());
             let cells =
                 Cells { size, edge_mm, cells: &cells, lights: &lights, most_count, albedo, eye, echo };
-            let grids = match lights.len() {
-                1 => std::slice::from_ref(&self.once.total),
-                _ => &self.once.tables.probes[..],
+            let skylines = match lights.len() {
+                1 => std::slice::from_ref(&self.once.skyline),
+                _ => &self.once.tables.skylines[..],
             };
             let grounds = if lights.len() == 1 { &self.once.grounds[..1] } else { &self.once.grounds[1..] };
             let untouched = |film: usize, p: Vec3| Untouched {
-                sky: grids[film].at(p),
+                sky: skylines[film].at(p),
                 // (Under the table it holds what it has at the untouched face.)
                 ground: Vec3::from(grounds[film].at(p.with_z(f32::MIN))),
             };
             let rest =
                 |p: Vec3| Rest { lift: self.once.total.lift(p), normal: self.once.total.rest_normal(p) };
             let changes = cells.changes(untouched, rest);
+            let lifts: Vec<f32> = cells.cells.iter().map(|c| c.position.z / c.count.max(1e-6)).collect();
             echoed = changes.echoed;
             for (k, (film, gains)) in all.iter_mut().zip(&changes.gains).enumerate() {
-                bounced = self.apply(film, [k, lights.len()], gains, size[0], cell_px);
+                bounced = self.apply(film, [k, lights.len()], gains, &lifts, size[0], cell_px);
             }
         }
         Pictures {
@@ -185,10 +207,11 @@ impl Frame<'_> {
         film: &mut Film,
         [k, films]: [usize; 2],
         gains: &[Vec3],
+        lifts: &[f32],
         nx: usize,
         cell_px: usize,
     ) -> f64 {
-        let width = film.width;
+        let (width, height) = (film.width, self.once.view.camera.origin.z);
         let ny = gains.len() / nx;
         let change = |(y, row): (usize, &mut [Vec3])| {
             let at = ((y as f32 + 0.5) / cell_px as f32 - 0.5).max(0.0);
@@ -200,10 +223,32 @@ impl Frame<'_> {
                 return sum;
             }
             let column: Vec<Vec3> = above.iter().zip(below).map(|(a, b)| a.lerp(*b, t)).collect();
+            let (upper, lower) = (&lifts[j * nx..][..nx], &lifts[(j + 1).min(ny - 1) * nx..][..nx]);
+            let around =
+                |i: usize| [upper[i], upper[(i + 1).min(nx - 1)], lower[i], lower[(i + 1).min(nx - 1)]];
+            let torn = |z: [f32; 4]| {
+                let [low, high] = z.iter().fold([z[0]; 2], |[l, h], z| [l.min(*z), h.max(*z)]);
+                high - low > TORN_MM
+            };
+            let torn: Vec<bool> = (0..nx).map(|i| torn(around(i))).collect();
             for (x, pixel) in row.iter_mut().enumerate() {
                 let at = ((x as f32 + 0.5) / cell_px as f32 - 0.5).max(0.0);
                 let i = (at as usize).min(nx - 1);
-                let gain = column[i].lerp(column[(i + 1).min(nx - 1)], at - i as f32);
+                let mut gain = column[i].lerp(column[(i + 1).min(nx - 1)], at - i as f32);
+                if torn[i] {
+                    // Across a step each side has its own.
+                    let z = height - 1.0 / self.seen[y * (width + 1) + x].value.max(1e-6);
+                    let s = at - i as f32;
+                    let parts = [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t];
+                    let four = [above[i], above[(i + 1).min(nx - 1)], below[i], below[(i + 1).min(nx - 1)]];
+                    let (mut sum, mut whole) = (Vec3::ZERO, 1e-12);
+                    for ((part, g), lift) in parts.iter().zip(four).zip(around(i)) {
+                        let weight = part / (1.0 + ((z - lift) / ALIKE_MM).powi(2));
+                        sum += g * weight;
+                        whole += weight;
+                    }
+                    gain = sum / whole;
+                }
                 let veil = self.once.veil(k, films, x, y);
                 let add = (*pixel - veil) * (gain - Vec3::ONE);
                 sum += f64::from(add.length_squared());
@@ -319,8 +364,9 @@ impl Frame<'_> {
                 // Behind a light there is nothing to take off.
                 node[slots.gain(l)] = f32::from(u8::from(source.faces(*p)));
                 if slots.varying() {
-                    let numbers = &mut node[slots.line(l, 0)..][..6 * LINES];
-                    for (numbers, end) in numbers.chunks_exact_mut(3).zip(lines.iter().flatten()) {
+                    let numbers = &mut node[slots.line(l, 0)..][..6 * LINES.div_ceil(KEPT)];
+                    let kept = lines.iter().step_by(KEPT).flatten();
+                    for (numbers, end) in numbers.chunks_exact_mut(3).zip(kept) {
                         numbers.copy_from_slice(&end.to_array());
                     }
                 }
@@ -350,7 +396,7 @@ impl Frame<'_> {
             let lines = match slots.varying() {
                 true => {
                     let end = |k: usize, end: usize| Vec3::from_slice(&node[slots.line(l, k) + 3 * end..]);
-                    std::array::from_fn(|k| [end(k, 0), end(k, 1)])
+                    with_means(|k| [end(k, 0), end(k, 1)])
                 }
                 false => source.seen(p, None),
             };
@@ -362,30 +408,36 @@ impl Frame<'_> {
     #[inline(always)]
     fn horizons(&self, l: usize, p: Vec3, lines: &[Line; LINES], node: &mut [f32]) {
         let slots = &self.slots;
-        let (mut hides, mut rises, mut uneven) = (false, false, false);
+        let (mut hides, mut rises) = (false, false);
         let slopes = slots.horizons(l);
-        // A few lines first; the ones between only where the pad rises before one of these, and the finest only where
-        // the horizon bends.
-        let order = (0..LINES).step_by(COARSE).chain((2..LINES).step_by(COARSE)).chain((1..LINES).step_by(2));
-        for (turn, k) in order.enumerate() {
-            let coarse = turn < LINES.div_ceil(COARSE);
-            let between = |reach: usize| 0.5 * (node[slopes + k - reach] + node[slopes + k + reach]);
-            if k % 2 == 1 && rises && !uneven && !self.effort.thorough {
-                node[slopes + k] = between(1);
-                continue;
-            }
+        let follow = |k: usize, hides: &mut bool, rises: &mut bool| {
             let sight = Toward::new(lines[k]);
-            let horizon = match coarse || rises || self.effort.thorough {
-                true => sight.horizon(self.heights, p, slots.bent()),
-                false => sight.least(),
-            };
-            uneven |= !coarse && k % 2 == 0 && self.effort.fine && (horizon - between(2)).abs() > BENT;
-            node[slopes + k] = horizon;
-            hides |= horizon > sight.from.min(sight.to);
-            rises |= horizon > sight.least();
+            let horizon = sight.horizon(self.heights, p, slots.bent());
+            *hides |= horizon > sight.from.min(sight.to);
+            *rises |= horizon > sight.least();
+            horizon
+        };
+        // A few lines first, the ones between where the pad is higher anywhere...
+        for k in (0..LINES).step_by(COARSE) {
+            node[slopes + k] = follow(k, &mut hides, &mut rises);
         }
-        node[slots.light(l)] =
-            if hides { f32::from(1 + u8::from(uneven || self.effort.thorough)) } else { 0.0 };
+        let mut reach = COARSE / 2;
+        let mut bends = rises || self.effort.thorough || (self.effort.fine && self.heights.rises_above(p.z));
+        let mut flag = 0;
+        while reach > 0 {
+            let mut bent = false;
+            for k in (reach..LINES).step_by(2 * reach) {
+                let between = 0.5 * (node[slopes + k - reach] + node[slopes + k + reach]);
+                node[slopes + k] = if bends { follow(k, &mut hides, &mut rises) } else { between };
+                bent |= bends && (node[slopes + k] - between).abs() > BENT;
+            }
+            flag += u8::from(bends);
+            // ...or rises before one of these, and the finest only where the horizon bends.
+            let wanted = bent || (reach == COARSE / 2 && rises);
+            bends = wanted && self.effort.fine || self.effort.thorough;
+            reach /= 2;
+        }
+        node[slots.light(l)] = if hides { f32::from(flag.max(1)) } else { 0.0 };
     }
 }
 
@@ -431,10 +483,11 @@ impl Toward {
 /// Vector irradiance of a whole ribbon.
 #[inline(always)]
 fn outline(lines: &[Line; LINES]) -> Vec3 {
-    let mut around = [Vec3::ZERO; 2 * LINES];
-    for (k, [low, high]) in lines.iter().enumerate() {
+    const CORNERS: usize = 2 * LINES.div_ceil(KEPT);
+    let mut around = [Vec3::ZERO; CORNERS];
+    for (k, [low, high]) in lines.iter().step_by(KEPT).enumerate() {
         around[k] = *low;
-        around[2 * LINES - 1 - k] = *high;
+        around[CORNERS - 1 - k] = *high;
     }
     irradiance(&around)
 }

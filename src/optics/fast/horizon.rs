@@ -52,6 +52,12 @@ impl Heights {
         if z.is_finite() { z } else { self.highest }
     }
 
+    /// Whether some of the pad is higher, by more than shadows need.
+    #[inline(always)]
+    pub fn rises_above(&self, z: f32) -> bool {
+        self.highest > z + self.cell
+    }
+
     /// Height between cell middles, bilinear; minus infinity off the pad.
     #[inline(always)]
     fn height(&self, q: Vec2) -> f32 {

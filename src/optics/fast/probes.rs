@@ -114,10 +114,10 @@ pub fn gather(
     (0..solved.lights).map(|l| Grid::from_values(places.clone(), of_light(l))).collect()
 }
 
-/// The field of all lights together.
-pub fn total(grids: &[Grid<NUMBERS>], radiances: &[Vec3]) -> Grid<NUMBERS> {
+/// The field of all lights together; colours come in turns.
+pub fn total<const N: usize>(grids: &[Grid<N>], radiances: &[Vec3]) -> Grid<N> {
     let (places, values) = grids[0].parts();
-    let mut sum = vec![[0.0; NUMBERS]; values.len()];
+    let mut sum = vec![[0.0; N]; values.len()];
     for (grid, radiance) in grids.iter().zip(radiances) {
         for (sum, numbers) in sum.iter_mut().zip(grid.parts().1) {
             for (k, (sum, number)) in sum.iter_mut().zip(numbers).enumerate() {

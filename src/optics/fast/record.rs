@@ -7,7 +7,7 @@ use crate::optics::{Albedo, Material, Mesh, Role, Scene};
 use glam::{Vec2, Vec3};
 
 /// Changes whenever tables of the same scene would be worked out differently, or are written differently.
-const FORMAT: u32 = 4;
+const FORMAT: u32 = 5;
 
 /// The hash of everything that the tables follow from.
 pub fn key(scene: &Scene) -> [u8; 32] {
@@ -79,6 +79,7 @@ pub fn encode(tables: &Tables) -> Vec<u8> {
         }
     }
     tables.probes.iter().for_each(|probes| grid(&mut out, &words, probes));
+    tables.skylines.iter().for_each(|skyline| grid(&mut out, &words, skyline));
     words(&mut out, &mut tables.fixed.iter().copied());
     for vectors in tables.fixed_lights.iter().chain(&tables.veils) {
         words(&mut out, &mut vectors.iter().flat_map(|v| v.to_array()));
@@ -107,11 +108,12 @@ pub fn decode(bytes: &[u8]) -> Option<Tables> {
         })
         .collect::<Option<Vec<_>>>()?;
     let probes = (0..lights).map(|_| reader.grid()).collect::<Option<Vec<_>>>()?;
+    let skylines = (0..lights).map(|_| reader.grid()).collect::<Option<Vec<_>>>()?;
     let fixed = reader.words()?;
     let fixed_lights = (0..lights).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
     let veils = (0..veils as usize).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
     let echo = if reader.bytes.is_empty() { None } else { Some(reader.echo()?) };
-    reader.bytes.is_empty().then_some(Tables { direct, probes, fixed, fixed_lights, veils, echo })
+    reader.bytes.is_empty().then_some(Tables { direct, probes, skylines, fixed, fixed_lights, veils, echo })
 }
 
 struct Reader<'a> {

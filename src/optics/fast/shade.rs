@@ -6,7 +6,7 @@
 use super::lanes::{Eight, Vectors};
 use super::probes;
 use super::slots::Slots;
-use super::source::{COARSE, LINES, Line, Source};
+use super::source::{COARSE, KEPT, LINES, Line, Source};
 use super::vector::edges;
 use glam::Vec3;
 
@@ -65,7 +65,8 @@ impl<'a> Block<'a> {
             // A plane cuts a rectangle along a straight line, a horizon does not; round lights have no straight edge.
             *step = match self.sources[l].is_fixed() && !self.thorough {
                 true if most == 0.0 => COARSE,
-                true if most == 1.0 => 2,
+                true if most == 1.0 => COARSE / 2,
+                _ if most <= 2.0 && !self.thorough => KEPT,
                 _ => 1,
             };
         }
@@ -130,7 +131,14 @@ impl<'a> Block<'a> {
     fn end(&self, l: usize, line: usize, end: usize, [u, v]: [Eight; 2], points: Vectors) -> Vectors {
         match &self.fixed[l] {
             Some(lines) => Vectors::all(lines[line][end]) - points,
-            None => vectors_at(&self.coefficients[self.slots.line(l, line) + 3 * end..], u, v),
+            None => {
+                let kept = |k: usize| vectors_at(&self.coefficients[self.slots.line(l, k) + 3 * end..], u, v);
+                if line.is_multiple_of(KEPT) {
+                    kept(line)
+                } else {
+                    (kept(line - 1) + kept(line + 1)).scaled(Eight::all(0.5))
+                }
+            }
         }
     }
 

@@ -1,7 +1,7 @@
 //! What a node of the picture's coarse raster holds, as a row of numbers.
 
 use super::probes;
-use super::source::LINES;
+use super::source::{KEPT, LINES};
 
 /// Where each number stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,7 +45,7 @@ impl Slots {
     }
 
     fn per_light(&self) -> usize {
-        2 + LINES + if self.varying { 6 * LINES } else { 0 }
+        2 + LINES + if self.varying { 6 * LINES.div_ceil(KEPT) } else { 0 }
     }
 
     /// Above 0 where the pad hides something of light `l`.
@@ -63,9 +63,9 @@ impl Slots {
         self.light(l) + 2
     }
 
-    /// The ends of a line as they appear; only where lines vary.
+    /// The ends of a line that is kept, as they appear; only where lines vary.
     pub fn line(&self, l: usize, line: usize) -> usize {
-        self.horizons(l) + LINES + 6 * line
+        self.horizons(l) + LINES + 6 * (line / KEPT)
     }
 
     /// Whether there is room for lines.

@@ -9,11 +9,13 @@ use super::tables::arriving;
 use crate::optics::{Light, LightShape, emitter::Emitter};
 use glam::Vec3;
 
-/// Lines of a ribbon, one more than a power of two (found by experiment: with 5 the shadow of a punch shows them). Where
-/// fewer will do, every other or every fourth is taken.
-pub const LINES: usize = 9;
+/// Lines of a ribbon, one more than a power of two (found by experiment: with 9 the shadow at the foot of a step shows
+/// them). Where fewer will do, every other, every fourth or every eighth is taken.
+pub const LINES: usize = 17;
 /// Lines between those that are always followed.
-pub const COARSE: usize = 4;
+pub const COARSE: usize = 8;
+/// Where lines turn with the receiver, those between are means of their neighbours: of so many one is worked out.
+pub const KEPT: usize = 2;
 
 /// The two ends of a line: low, high.
 pub type Line = [Vec3; 2];
@@ -181,13 +183,18 @@ impl Source {
 
     /// Its lines as vectors from `p`, as they appear there.
     pub fn seen(&self, p: Vec3, slab: Option<&Slab>) -> [Line; LINES] {
+        if self.is_fixed() && slab.is_none() {
+            return std::array::from_fn(|k| self.line(k, LINES - 1, p).map(|end| end - p));
+        }
         let seen = |k: usize| {
-            self.line(k, LINES - 1, p).map(|end| match slab {
+            self.line(k / KEPT, (LINES - 1) / KEPT, p).map(|end| match slab {
                 Some(slab) if slab.covers(p) && end.z > slab.high => slab.towards(p, end),
                 _ => end - p,
             })
         };
-        let Some(_) = slab else { return std::array::from_fn(seen) };
+        if slab.is_none() {
+            return with_means(seen);
+        }
         // Where each costs a root to be found, a parabola through three of them gives the rest.
         let ends = [0, COARSE, 2 * COARSE].map(seen);
         std::array::from_fn(|k| {
@@ -196,6 +203,17 @@ impl Source {
             std::array::from_fn(|end| (0..3).map(|i| ends[i][end] * weights[i]).sum())
         })
     }
+}
+
+/// All lines from those that are worked out.
+#[inline(always)]
+pub fn with_means(kept: impl Fn(usize) -> Line) -> [Line; LINES] {
+    let mut lines = [[Vec3::ZERO; 2]; LINES];
+    (0..LINES).step_by(KEPT).for_each(|k| lines[k] = kept(k));
+    for k in (1..LINES).step_by(KEPT) {
+        lines[k] = std::array::from_fn(|end| 0.5 * (lines[k - 1][end] + lines[k + 1][end]));
+    }
+    lines
 }
 
 /// Turns the corners so that the first edge is the lower of the two more level ones.

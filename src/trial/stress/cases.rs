@@ -8,7 +8,7 @@
 use super::draw::Draw;
 use super::hostile;
 use crate::elastomer::mpm::scheme::Scheme;
-use crate::elastomer::{Friction, Law, Mode, Pad, Settings};
+use crate::elastomer::{Coating, Friction, Law, Mode, Pad, PadShape, Settings};
 use crate::indenter::spec::{Plan, Shape};
 use crate::indenter::{self, Indenter, IndenterSpec};
 use crate::trial::scene;
@@ -42,6 +42,8 @@ pub enum Family {
     Border,
     /// Tiny, huge, thin and thick pads.
     Scale,
+    /// Domed, cylindrical and rounded pads, coated or not.
+    Shape,
     /// The explicit modes.
     Explicit,
     /// The explicit modes at their limits: 1e5 steps, 13 million particles.
@@ -52,7 +54,7 @@ pub enum Family {
 
 impl Family {
     /// All of them.
-    pub const ALL: [Family; 13] = [
+    pub const ALL: [Family; 14] = [
         Family::Press,
         Family::Slide,
         Family::Turn,
@@ -63,6 +65,7 @@ impl Family {
         Family::Cycles,
         Family::Border,
         Family::Scale,
+        Family::Shape,
         Family::Explicit,
         Family::Long,
         Family::Hostile,
@@ -81,6 +84,7 @@ impl Family {
             Family::Cycles => "cycles",
             Family::Border => "pad's edge",
             Family::Scale => "size of pad",
+            Family::Shape => "shape of pad",
             Family::Explicit => "mpm, impm",
             Family::Long => "mpm, long",
             Family::Hostile => "bad settings",
@@ -112,6 +116,9 @@ const TURNS: [Family; 20] = [
     // Cycles, Repeat, Cycles, Long by turns.
     Family::Cycles,
 ];
+
+/// Numbers of the cases about pads that are not flat or have a skin.
+const SHAPES: std::ops::Range<u32> = 300..330;
 
 /// An indenter file.
 #[derive(Debug, Clone)]
@@ -193,6 +200,12 @@ impl Case {
             self.at_mm[0],
             self.at_mm[1]
         );
+        if self.pad.shape != PadShape::Cuboid {
+            text += &format!(", {:?}", self.pad.shape);
+        }
+        if let Some(skin) = &self.pad.coating {
+            text += &format!(", skin {} mm of {} MPa", skin.thickness_mm, skin.youngs_modulus_mpa);
+        }
         if self.slide_mm != 0.0 {
             text += &format!(", slide {} mm towards {} deg", self.slide_mm, self.direction_deg);
         }
@@ -255,6 +268,9 @@ pub fn case(number: u32, seed: u64, bodies: &[Body]) -> Case {
     let mut family = TURNS[turn];
     if family == Family::Cycles {
         family = [Family::Cycles, Family::Repeat, Family::Long, Family::Repeat][round as usize % 4];
+    }
+    if SHAPES.contains(&number) {
+        family = Family::Shape;
     }
     let law = draw.of(&[Law::NeoHookean, Law::FixedCorotated]);
     let mut case = Case {
@@ -344,6 +360,27 @@ pub fn case(number: u32, seed: u64, bodies: &[Body]) -> Case {
                 case.body = sphere(0.5);
                 case.depth_mm = case.depth_mm.min(0.1);
             }
+        }
+        Family::Shape => {
+            (case.pad.size_x_mm, case.pad.size_y_mm, case.pad.thickness_mm) = (18.0, 18.0, 3.0);
+            case.pad.shape = draw.of(&[
+                PadShape::Dome { radius_mm: 13.5 },
+                PadShape::Dome { radius_mm: 40.0 },
+                PadShape::Cylinder { radius_mm: 10.0 },
+                PadShape::Cylinder { radius_mm: 25.0 },
+                PadShape::Rounded { radius_mm: 1.0 },
+                PadShape::Rounded { radius_mm: 2.5 },
+                PadShape::Cuboid,
+            ]);
+            let skin = |thickness_mm, times| {
+                let youngs_modulus_mpa = times * case.pad.material.youngs_modulus_mpa;
+                Some(Coating { thickness_mm, youngs_modulus_mpa, poisson_ratio: 0.45 })
+            };
+            case.pad.coating = draw.of(&[None, None, skin(0.1, 10.0), skin(0.5, 0.2), skin(0.03, 50.0)]);
+            case.at_mm = draw.of(&[[0.0, 0.0], [0.0, 0.0], [2.0, 0.0], [-3.0, 2.5], [0.0, 4.0]]);
+            case.depth_mm = case.depth_mm.clamp(0.1, 1.0);
+            case.slide_mm = draw.of(&[0.0, 0.5]);
+            case.turn_deg = draw.of(&[0.0, 5.0]);
         }
         Family::Explicit => explicit(&mut case, draw, slide.min(2.0), angle),
         Family::Long => long(&mut case, round / 4),

@@ -9,7 +9,7 @@
 
 use super::cases::{Case, Family};
 use super::checks::Checks;
-use crate::elastomer::{self, Elastomer, ElastomerCapture, Error, Friction};
+use crate::elastomer::{self, Elastomer, ElastomerCapture, Error, Friction, PadShape};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use crate::trial::scene;
@@ -80,7 +80,11 @@ impl<'a> Walk<'a> {
         alter: &'a dyn Fn(&mut ElastomerCapture),
     ) -> Result<Self, Error> {
         let body = case.indenter();
-        let pose = Pose::new(case.at_mm[0], case.at_mm[1], CLEAR_MM, 0.0);
+        let pad = &case.pad;
+        let rest_mm = pad.shape.face_height_mm([pad.size_x_mm, pad.size_y_mm], case.at_mm);
+        // A body that is wider than its tip touches the uphill side of a bent face first.
+        let uphill_mm = if pad.shape == PadShape::Cuboid { 0.0 } else { -rest_mm };
+        let pose = Pose::new(case.at_mm[0], case.at_mm[1], rest_mm + uphill_mm + CLEAR_MM, 0.0);
         let settings = elastomer::Settings { tolerance, ..case.settings.clone() };
         let solver = elastomer::solver(&case.pad, &settings, body.clone(), &pose)?;
         Ok(Self {
@@ -98,8 +102,30 @@ impl<'a> Walk<'a> {
         })
     }
 
-    fn at(&self, z_mm: f64) -> Pose {
-        Pose { z_mm, ..self.pose }
+    /// The tip this much above the face.
+    fn at(&self, above_mm: f64) -> Pose {
+        Pose { z_mm: self.rest_mm([self.pose.x_mm, self.pose.y_mm]) + above_mm, ..self.pose }
+    }
+
+    /// Height of the untouched face, mm.
+    fn rest_mm(&self, at: [f64; 2]) -> f64 {
+        let pad = &self.case.pad;
+        pad.shape.face_height_mm([pad.size_x_mm, pad.size_y_mm], at)
+    }
+
+    /// How far the indenter reaches below the untouched face, mm.
+    fn depth_mm(&self, now: &ElastomerCapture) -> f64 {
+        if self.case.pad.shape == PadShape::Cuboid {
+            return self.pose.depth_mm();
+        }
+        let s = &now.surface;
+        let lattice = (0..s.ny).flat_map(|j| (0..s.nx).map(move |i| (i, j)));
+        let inside = lattice.map(|(i, j)| {
+            let [x, y] = s.rest_xy(i, j);
+            let p = self.pose.to_indenter(DVec3::new(x, y, self.rest_mm([x, y])));
+            self.body.lower_surface(p.x, p.y).map_or(0.0, |lower| p.z - lower)
+        });
+        inside.fold(0.0, f64::max)
     }
 
     fn frictionless(&self) -> bool {
@@ -145,7 +171,7 @@ impl<'a> Walk<'a> {
         let stated = stats.estimated_error.unwrap_or(0.0);
         self.checks.stated_error = Some(self.checks.stated_error.unwrap_or(0.0).max(stated));
         self.claim = self.tolerance.max(stated);
-        let (depth, claim, least) = (self.pose.depth_mm(), self.claim, self.least_force());
+        let (depth, claim, least) = (self.depth_mm(now), self.claim, self.least_force());
 
         let numbers =
             [f.normal_force_n, f.shear_force_n[0], f.shear_force_n[1], f.torque_n_mm, stats.base_reaction_n];
@@ -165,16 +191,18 @@ impl<'a> Walk<'a> {
         // Where the face is. The claim is a root mean square; a single point may be off by more.
         let (mut inside, mut lowest, mut highest) = (0.0f64, 0.0f64, 0.0f64);
         let (mut squares, mut touching) = (0.0, 0u32);
-        for (p, contact) in now.surface.positions.iter().zip(&now.contact) {
+        let nx = now.surface.nx;
+        for (n, (p, contact)) in now.surface.positions.iter().zip(&now.contact).enumerate() {
             let p = p.as_dvec3();
+            let rest_mm = self.rest_mm(now.surface.rest_xy(n % nx, n / nx));
             let d = -self.body.distance(self.pose.to_indenter(p));
             if *contact || d > 0.0 {
                 squares += d.max(0.0).powi(2);
                 touching += 1;
             }
             inside = inside.max(d);
-            lowest = lowest.max(-p.z);
-            highest = highest.max(p.z);
+            lowest = lowest.max(rest_mm - p.z);
+            highest = highest.max(p.z - rest_mm);
         }
         let (mean, most) = (1.5 * claim * depth + 1e-3, 6.0 * claim * depth + 5e-3);
         self.checks.hold("penetration RMS, mm", (squares / f64::from(touching.max(1))).sqrt(), mean);
@@ -200,13 +228,16 @@ impl<'a> Walk<'a> {
 
     /// Lifts off and looks whether the face is flat again.
     fn release(&mut self) -> Result<(), Error> {
-        let now = self.go(self.at(CLEAR_MM))?;
+        let [x, y] = [self.pose.x_mm, self.pose.y_mm];
+        let now = self.go(self.at(CLEAR_MM - self.rest_mm([x, y])))?;
         let s = &now.surface;
         let mut off = 0.0f64;
         for j in 0..s.ny {
             for i in 0..s.nx {
                 let [x, y] = s.rest_xy(i, j);
-                off = off.max((s.positions[j * s.nx + i].as_dvec3() - DVec3::new(x, y, 0.0)).length());
+                off = off.max(
+                    (s.positions[j * s.nx + i].as_dvec3() - DVec3::new(x, y, self.rest_mm([x, y]))).length(),
+                );
             }
         }
         self.checks.hold("off rest when released, mm", off, 1e-3);
@@ -266,7 +297,7 @@ fn path(walk: &mut Walk<'_>) -> Result<(), Error> {
         slide(walk, case.slide_mm, case.direction_deg)?;
     }
     if case.turn_deg != 0.0 {
-        let (energy, start) = (energy(&deep), walk.pose);
+        let (energy, start) = (walk.last.as_ref().map_or(0.0, energy), walk.pose);
         walk.work = [0.0; 2];
         for n in 1..=4 {
             let theta_deg = start.theta_deg + case.turn_deg * f64::from(n) / 4.0;
@@ -298,6 +329,10 @@ fn slide(walk: &mut Walk<'_>, way_mm: f64, direction_deg: f64) -> Result<(), Err
         let f = now.forces;
         let normal = f.normal_force_n.max(walk.least_force());
         let along = f.shear_force_n[0] * cos + f.shear_force_n[1] * sin;
+        if walk.case.pad.shape != PadShape::Cuboid {
+            // On a slope the normal pushes along the slide as well.
+            continue;
+        }
         walk.checks.hold("force along the slide", along / normal, 0.05);
         let shear = f.shear_force_n[0].hypot(f.shear_force_n[1]) / normal;
         match walk.case.settings.friction {

@@ -1,0 +1,92 @@
+//! What of the walls a rising pad hides: the radiance of the untouched sensor, by direction, low over its face.
+//!
+//! Walls are lit unevenly, most so by one light alone: what the pad hides is the part of one of them, not their mean. Radiance is
+//! kept for the directions in which the bounce looks, as means over ranges of elevation, on a coarse grid.
+
+use super::echo::{DIRECTIONS, RISES, towards};
+use super::grid::{Grid, Layout, Places};
+use super::lanes::{Eight, Vectors};
+use super::probes;
+use super::radiosity::Radiosity;
+use super::world::World;
+use crate::optics::sampler::{Sampler, hash};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+/// Numbers of a node: three colours of each direction.
+pub const NUMBERS: usize = 3 * DIRECTIONS;
+/// Rays of a direction.
+const RAYS: u32 = 16;
+/// Grid of the nodes, mm.
+const STEP_MM: f32 = 2.5;
+const LIFT_MM: [f32; 2] = [0.0, 1.5];
+/// Slopes in the middle of the ranges of elevation.
+const MIDDLES: [f32; RISES] = [0.12, 0.45, 1.05, 2.5];
+
+/// The radiance for each light of radiance 1.
+pub fn gather(
+    world: &World,
+    solved: &Radiosity,
+    layout: &Layout,
+    rest: impl Fn(Vec2) -> f32 + Sync,
+) -> Vec<Grid<NUMBERS>> {
+    let layout = Layout { step_mm: STEP_MM, lift_mm: LIFT_MM, lift_step_mm: LIFT_MM[1], ..*layout };
+    let places = Places::new(&layout, rest);
+    let nodes: Vec<Vec<[f32; NUMBERS]>> = (0..places.count())
+        .into_par_iter()
+        .map(|node| {
+            let origin = places.point(node) + Vec3::Z * probes::clearance(places.is_curved());
+            let sampler = Sampler::new(0x5c1e, node as u32, 0, RAYS);
+            let mut numbers = vec![[0.0; NUMBERS]; solved.lights];
+            for direction in 0..DIRECTIONS {
+                for ray in 0..RAYS {
+                    let [a, b, ..] = sampler.group(ray, direction as u32);
+                    let mut dice = hash(node as u32, direction as u32 * RAYS + ray);
+                    let Some((met, _)) = world.follow(origin, towards(direction, a, b), &mut dice) else {
+                        continue;
+                    };
+                    for (numbers, radiance) in numbers.iter_mut().zip(solved.radiance(met.element)) {
+                        let radiance = *radiance / RAYS as f32;
+                        numbers[3 * direction] += radiance.x;
+                        numbers[3 * direction + 1] += radiance.y;
+                        numbers[3 * direction + 2] += radiance.z;
+                    }
+                }
+            }
+            numbers
+        })
+        .collect();
+    let of_light = |l: usize| nodes.iter().map(|n| n[l]).collect();
+    (0..solved.lights).map(|l| Grid::from_values(places.clone(), of_light(l))).collect()
+}
+
+/// The radiance at eight places in one direction around, under slopes above 0.
+#[inline(always)]
+pub fn radiance(numbers: &[Eight; NUMBERS], around: usize, slope: Eight) -> Vectors {
+    let (zero, one) = (Eight::all(0.0), Eight::all(1.0));
+    let of = |rise: usize| {
+        let k = 3 * (around * RISES + rise);
+        Vectors { x: numbers[k], y: numbers[k + 1], z: numbers[k + 2] }
+    };
+    let mut sum = of(0);
+    for rise in 1..RISES {
+        let span = MIDDLES[rise] - MIDDLES[rise - 1];
+        let part = ((slope - Eight::all(MIDDLES[rise - 1])) * Eight::all(1.0 / span)).max(zero).min(one);
+        sum = sum + (of(rise) - of(rise - 1)).scaled(part);
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn radiance_is_that_of_the_direction_and_between_ranges_linear() {
+        let numbers: [Eight; NUMBERS] = std::array::from_fn(|k| Eight::all((k / 3) as f32));
+        for (around, slope, truth) in [(0, 0.01, 0.0), (3, 0.45, 13.0), (3, 0.75, 13.5), (15, 9.0, 63.0)] {
+            let found = radiance(&numbers, around, Eight::all(slope));
+            assert!((found.x.0[0] - truth).abs() < 1e-4 && found.x == found.z, "{around} {slope} {found:?}");
+        }
+    }
+}
