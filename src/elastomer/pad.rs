@@ -73,3 +73,10 @@ pub struct Pad {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coating: Option<Coating>,
 }
+
+impl Pad {
+    /// A slab of one material.
+    pub fn slab([size_x_mm, size_y_mm, thickness_mm]: [f64; 3], material: Material) -> Self {
+        Self { shape: PadShape::Cuboid, size_x_mm, size_y_mm, thickness_mm, material, coating: None }
+    }
+}

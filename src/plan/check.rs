@@ -83,7 +83,7 @@ pub(crate) mod stand_ins {
     //! A bench for tests: generous axes, the paper's pad, and indenters made of boxes.
 
     use super::*;
-    use crate::elastomer::{Law, Material, PadShape};
+    use crate::elastomer::{Law, Material};
     use crate::motion::AxisKind;
     use glam::DVec3;
 
@@ -144,14 +144,7 @@ pub(crate) mod stand_ins {
             poisson_ratio: 0.45,
             density_g_mm3: 1.0,
         };
-        Pad {
-            shape: PadShape::Cuboid,
-            size_x_mm: 20.0,
-            size_y_mm: 20.0,
-            thickness_mm: 4.0,
-            material,
-            coating: None,
-        }
+        Pad::slab([20.0, 20.0, 4.0], material)
     }
 
     pub(crate) fn indenters(plan: &Plan, half_mm: f64) -> BTreeMap<String, Arc<dyn Indenter>> {

@@ -1,6 +1,6 @@
 //! The pad of the published figures, spheres and punches, and how two surfaces are compared.
 
-use crate::elastomer::{Friction, Law, Material, Mode, Pad, PadShape, Settings, Surface};
+use crate::elastomer::{Friction, Law, Material, Mode, Pad, Settings, Surface};
 use crate::indenter::spec::{Plan, Shape};
 use crate::indenter::{self, Indenter, IndenterSpec};
 use std::sync::Arc;
@@ -12,14 +12,7 @@ const EDGE_BAND_MM: f64 = 0.1;
 pub fn pad(law: Law) -> Pad {
     // Density as in its units; only the explicit modes use it.
     let material = Material { law, youngs_modulus_mpa: 0.145, poisson_ratio: 0.45, density_g_mm3: 1.0 };
-    Pad {
-        shape: PadShape::Cuboid,
-        size_x_mm: 20.0,
-        size_y_mm: 20.0,
-        thickness_mm: 4.0,
-        material,
-        coating: None,
-    }
+    Pad::slab([20.0, 20.0, 4.0], material)
 }
 
 /// A body by its shape alone.

@@ -6,7 +6,7 @@
 
 use super::ExplicitSolver;
 use super::lanes::Isa;
-use crate::elastomer::{Elastomer, Error, Law, Material, Mode, Pad, PadShape, Settings};
+use crate::elastomer::{Elastomer, Error, Law, Material, Mode, Pad, Settings};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use glam::DVec3;
@@ -134,14 +134,7 @@ pub fn throughput(load: &Load) -> Result<Throughput, Error> {
 fn measure(load: &Load) -> Result<Throughput, Error> {
     let &Load { mode, law, particles, threads, steps, isa } = load;
     let material = Material { law, youngs_modulus_mpa: 0.145, poisson_ratio: 0.45, density_g_mm3: 1.0 };
-    let pad = Pad {
-        shape: PadShape::Cuboid,
-        size_x_mm: 20.0,
-        size_y_mm: 20.0,
-        thickness_mm: 4.0,
-        material,
-        coating: None,
-    };
+    let pad = Pad::slab([20.0, 20.0, 4.0], material);
     let settings = Settings { mode, particles, ..Settings::default() };
     let start = Pose::new(0.0, 0.0, 0.0, 0.0);
     let mut solver =

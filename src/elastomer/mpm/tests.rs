@@ -8,23 +8,17 @@ mod shapes;
 use super::particles::Moving;
 use super::*;
 use crate::elastomer::settings::Base;
-use crate::elastomer::{Friction, Law, Material, PadShape};
+use crate::elastomer::{Friction, Law, Material};
 
 /// A pad of the predecessor's material.
 fn pad(size: [f64; 3]) -> Pad {
-    Pad {
-        shape: PadShape::Cuboid,
-        size_x_mm: size[0],
-        size_y_mm: size[1],
-        thickness_mm: size[2],
-        material: Material {
-            law: Law::FixedCorotated,
-            youngs_modulus_mpa: 0.145,
-            poisson_ratio: 0.45,
-            density_g_mm3: 1.0,
-        },
-        coating: None,
-    }
+    let material = Material {
+        law: Law::FixedCorotated,
+        youngs_modulus_mpa: 0.145,
+        poisson_ratio: 0.45,
+        density_g_mm3: 1.0,
+    };
+    Pad::slab(size, material)
 }
 
 fn settings(mode: Mode, particles: [usize; 3]) -> Settings {

@@ -16,7 +16,7 @@ use crate::trial::scene;
 use glam::DVec3;
 use std::sync::Arc;
 
-/// Height above the pad at which a path begins and ends, mm.
+/// Height above the pad's highest place at which a path begins and ends, mm.
 const CLEAR_MM: f64 = 0.3;
 /// Waypoints of a slide are not further apart than this, mm, but there are no more than [`MOST_WAYPOINTS`].
 const STRIDE_MM: f64 = 0.25;
@@ -80,11 +80,7 @@ impl<'a> Walk<'a> {
         alter: &'a dyn Fn(&mut ElastomerCapture),
     ) -> Result<Self, Error> {
         let body = case.indenter();
-        let pad = &case.pad;
-        let rest_mm = pad.shape.face_height_mm([pad.size_x_mm, pad.size_y_mm], case.at_mm);
-        // A body that is wider than its tip touches the uphill side of a bent face first.
-        let uphill_mm = if pad.shape == PadShape::Cuboid { 0.0 } else { -rest_mm };
-        let pose = Pose::new(case.at_mm[0], case.at_mm[1], rest_mm + uphill_mm + CLEAR_MM, 0.0);
+        let pose = Pose::new(case.at_mm[0], case.at_mm[1], CLEAR_MM, 0.0);
         let settings = elastomer::Settings { tolerance, ..case.settings.clone() };
         let solver = elastomer::solver(&case.pad, &settings, body.clone(), &pose)?;
         Ok(Self {
@@ -228,8 +224,7 @@ impl<'a> Walk<'a> {
 
     /// Lifts off and looks whether the face is flat again.
     fn release(&mut self) -> Result<(), Error> {
-        let [x, y] = [self.pose.x_mm, self.pose.y_mm];
-        let now = self.go(self.at(CLEAR_MM - self.rest_mm([x, y])))?;
+        let now = self.go(Pose { z_mm: CLEAR_MM, ..self.pose })?;
         let s = &now.surface;
         let mut off = 0.0f64;
         for j in 0..s.ny {
