@@ -99,7 +99,7 @@ impl QuasiStaticSolver {
         check(pad, settings)?;
         let resolution = Resolution::for_tolerance(settings.tolerance);
         let wanted = refinement::wanted(settings.tolerance);
-        Self::build(pad, settings, resolution, Some(wanted), indenter, start)
+        rayon::scope(|_| Self::build(pad, settings, resolution, Some(wanted), indenter, start))
     }
 
     /// As [`Self::new`], with the resolution given instead of derived from the tolerance, and kept whatever comes.
@@ -113,7 +113,7 @@ impl QuasiStaticSolver {
         indenter: Arc<dyn Indenter>,
         start: &Pose,
     ) -> Result<Self, Error> {
-        Self::build(pad, settings, resolution, None, indenter, start)
+        rayon::scope(|_| Self::build(pad, settings, resolution, None, indenter, start))
     }
 
     fn build(
@@ -151,7 +151,7 @@ impl QuasiStaticSolver {
             let above = Pose { z_mm: start.z_mm.max(0.0) + 1e-3, ..*start };
             solver.path = vec![above];
             rest_at(&mut solver.levels, &above);
-            solver.advance(start)?;
+            solver.go_to(start)?;
         }
         Ok(solver)
     }
@@ -172,10 +172,9 @@ impl QuasiStaticSolver {
         }
         follow(&mut self.levels, indenter.as_ref(), pose, patience)
     }
-}
 
-impl Elastomer for QuasiStaticSolver {
-    fn advance(&mut self, pose: &Pose) -> Result<(), Error> {
+    /// Follows a straight way to `pose`, again with finer cells where that is worth while.
+    fn go_to(&mut self, pose: &Pose) -> Result<(), Error> {
         self.pad.reaches(pose)?;
         if self.dispensable && self.unrefined.is_some() && self.drags(pose) {
             self.again_unrefined()?;
@@ -191,6 +190,13 @@ impl Elastomer for QuasiStaticSolver {
         }
         self.arrive(pose);
         Ok(())
+    }
+}
+
+impl Elastomer for QuasiStaticSolver {
+    // On a thread of the pool: from any other, every parallel loop would wait for one to wake.
+    fn advance(&mut self, pose: &Pose) -> Result<(), Error> {
+        rayon::scope(|_| self.go_to(pose))
     }
 
     fn capture(&mut self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
