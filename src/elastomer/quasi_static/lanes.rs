@@ -34,6 +34,15 @@ pub trait Lanes: Copy {
     /// Greater of two, lane by lane.
     fn max(self, b: Self) -> Self;
 
+    /// Adds `x[0]` to the front of a slice, `x[1]` one number further and `x[2]` two.
+    #[inline(always)]
+    fn add_staggered(x: [Self; 3], to: &mut [f32]) {
+        for (a, x) in x.into_iter().enumerate() {
+            let to = &mut to[a..];
+            Self::load(to).add(x).store(to);
+        }
+    }
+
     /// The lanes as an array.
     #[inline(always)]
     fn to_array(self) -> [f32; WIDTH] {
@@ -175,7 +184,7 @@ impl Lanes for Portable {
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 macro_rules! registers {
     ($name:ident, $reg:ty, $n:literal, $w:literal, $set1:ident, $load:expr, $store:expr, $add:ident, $sub:ident,
-     $mul:ident, $div:ident, $fma:expr, $fnma:expr, $min:ident, $max:ident) => {
+     $mul:ident, $div:ident, $fma:expr, $fnma:expr, $min:ident, $max:ident $(, $more:item)*) => {
         /// Sixteen lanes in vector registers.
         #[derive(Clone, Copy)]
         pub struct $name([$reg; $n]);
@@ -254,6 +263,7 @@ macro_rules! registers {
             fn max(self, b: Self) -> Self {
                 self.zip(b, |x, y| unsafe { $max(x, y) })
             }
+            $($more)*
         }
     };
 }
@@ -278,7 +288,30 @@ mod x86 {
         |a, b, c| _mm512_fmadd_ps(a, b, c),
         |a, b, c| _mm512_fnmadd_ps(a, b, c),
         _mm512_min_ps,
-        _mm512_max_ps
+        _mm512_max_ps,
+        // Loads that overlap a store just made would wait for it: the three are added in registers, and what
+        // they put beyond the front sixteen follows.
+        #[inline(always)]
+        fn add_staggered(x: [Self; 3], to: &mut [f32]) {
+            let to = &mut to[..WIDTH + 2];
+            let [[a], [b], [c]] = x.map(|x| x.0.map(|x| unsafe { _mm512_castps_si512(x) }));
+            let (front, b, c) = unsafe {
+                let zero = _mm512_setzero_si512();
+                let up = |x| _mm512_castsi512_ps(x);
+                let front = _mm512_add_ps(
+                    _mm512_add_ps(up(a), up(_mm512_alignr_epi32::<15>(b, zero))),
+                    up(_mm512_alignr_epi32::<14>(c, zero)),
+                );
+                let b = _mm512_alignr_epi32::<15>(zero, b);
+                let c = _mm512_alignr_epi32::<14>(zero, c);
+                (front, _mm512_castps512_ps128(up(b)), _mm512_castps512_ps128(up(c)))
+            };
+            Self::load(to).add(Self([front])).store(to);
+            let mut rest = [0.0; 4];
+            unsafe { _mm_storeu_ps(rest.as_mut_ptr(), _mm_add_ps(b, c)) };
+            to[WIDTH] += rest[0];
+            to[WIDTH + 1] += rest[1];
+        }
     );
     registers!(
         Avx2,
@@ -345,16 +378,21 @@ mod tests {
     struct Probe<'a>(&'a [f32], &'a [f32]);
 
     impl Kernel for Probe<'_> {
-        type Output = [[f32; WIDTH]; 4];
+        type Output = [[f32; WIDTH]; 6];
         #[inline(always)]
         fn run<L: Lanes>(self) -> Self::Output {
             let (a, b) = (L::load(self.0), L::load(&self.1[1..]));
             let c = L::splat(0.5);
+            let mut staggered = [[0.25; WIDTH]; 2];
+            L::add_staggered([a, b, c], staggered.as_flattened_mut());
+            let [front, rest] = staggered;
             [
                 a.fma(b, c).to_array(),
                 a.fnma(b, c).sub(b).to_array(),
                 a.div(b).min(c).to_array(),
                 a.mul(b).max(c).add(a).to_array(),
+                front,
+                rest,
             ]
         }
     }

@@ -464,11 +464,7 @@ fn write_layer<L: Lanes>(
                     *sum = v.fma(L::splat(t.x[0][gx][a]), d.fma(L::splat(t.x[1][gx][a]), *sum));
                 }
             }
-            let at = plane + (row.0 + b) * cx + i0;
-            for (a, sum) in sums.iter().enumerate() {
-                let to = &mut out[at + a..at + a + WIDTH];
-                L::load(to).add(*sum).store(to);
-            }
+            L::add_staggered(sums, &mut out[plane + (row.0 + b) * cx + i0..]);
         }
     }
 }
