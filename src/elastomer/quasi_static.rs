@@ -31,6 +31,7 @@ pub mod lanes;
 pub mod law;
 pub mod layer;
 pub mod level;
+pub mod modes;
 pub mod newton;
 pub mod operator;
 pub mod probe;
@@ -38,6 +39,7 @@ mod refinement;
 pub mod resolution;
 pub mod springs;
 pub mod stack;
+pub mod waves;
 
 use super::interrupt::Interrupt;
 use super::{Elastomer, ElastomerCapture, Error, Pad, Settings};

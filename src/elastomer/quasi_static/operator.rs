@@ -340,10 +340,9 @@ fn sweep<L: Lanes, W: CellWork<L>>(
         for i0 in (0..g.nx).step_by(WIDTH) {
             let mut ring = [Layer::<L>::zero(); 3];
             let mut back = [Layer::<L>::zero(); 3];
-            ring[1] = read_layer(op, u, 1, j, i0);
+            read_layer(op, u, 1, j, i0, &mut ring[1]);
             for k in 0..depth {
-                ring[(k + 2) % 3] = read_layer(op, u, k + 2, j, i0);
-                back[(k + 2) % 3] = Layer::zero();
+                read_layer(op, u, k + 2, j, i0, &mut ring[(k + 2) % 3]);
                 let [value, slope] = &t.z[k];
                 // Depth direction: gradients at the points, numbered gx + 2 gy + 4 gz.
                 let mut grad = [[[L::splat(0.0); 3]; 3]; 8];
@@ -385,6 +384,8 @@ fn sweep<L: Lanes, W: CellWork<L>>(
                 let weight = t.weight[k];
                 for a in 0..3 {
                     let layer = &mut back[(k + a) % 3];
+                    // This cell is the first that the layer above it meets.
+                    let first = a == 2;
                     for c in 0..3 {
                         for gy in 0..2 {
                             for gx in 0..2 {
@@ -392,9 +393,14 @@ fn sweep<L: Lanes, W: CellWork<L>>(
                                     let p = &grad[gx + 2 * gy + 4 * gz][c];
                                     let v = L::splat(value[gz][a] * weight);
                                     let s = L::splat(slope[gz][a] * weight);
-                                    layer.dx[c][gx][gy] = p[0].fma(v, layer.dx[c][gx][gy]);
-                                    layer.dy[c][gx][gy] = p[1].fma(v, layer.dy[c][gx][gy]);
-                                    layer.value[c][gx][gy] = p[2].fma(s, layer.value[c][gx][gy]);
+                                    let [dx, dy, of] = [&mut layer.dx, &mut layer.dy, &mut layer.value]
+                                        .map(|field| &mut field[c][gx][gy]);
+                                    if first && gz == 0 {
+                                        (*dx, *dy, *of) = (p[0].mul(v), p[1].mul(v), p[2].mul(s));
+                                    } else {
+                                        (*dx, *dy, *of) =
+                                            (p[0].fma(v, *dx), p[1].fma(v, *dy), p[2].fma(s, *of));
+                                    }
                                 }
                             }
                         }
@@ -412,10 +418,9 @@ fn sweep<L: Lanes, W: CellWork<L>>(
 
 /// Plane directions: x along each of three rows, then y.
 #[inline(always)]
-fn read_layer<L: Lanes>(op: &Operator, u: &[f32], k: usize, j: usize, i0: usize) -> Layer<L> {
+fn read_layer<L: Lanes>(op: &Operator, u: &[f32], k: usize, j: usize, i0: usize, out: &mut Layer<L>) {
     let (g, t) = (&op.grid, &op.tables);
     let cx = g.cx();
-    let mut out = Layer::zero();
     for c in 0..3 {
         let plane = &u[g.at(c, k)..g.at(c, k) + g.plane()];
         for b in 0..3 {
@@ -426,14 +431,17 @@ fn read_layer<L: Lanes>(op: &Operator, u: &[f32], k: usize, j: usize, i0: usize)
                 let (v, d) = (mix(&t.x[0][gx]), mix(&t.x[1][gx]));
                 for gy in 0..2 {
                     let (wv, wd) = (L::splat(t.y[0][gy][b]), L::splat(t.y[1][gy][b]));
-                    out.value[c][gx][gy] = v.fma(wv, out.value[c][gx][gy]);
-                    out.dy[c][gx][gy] = v.fma(wd, out.dy[c][gx][gy]);
-                    out.dx[c][gx][gy] = d.fma(wv, out.dx[c][gx][gy]);
+                    let [dx, dy, of] =
+                        [&mut out.dx, &mut out.dy, &mut out.value].map(|field| &mut field[c][gx][gy]);
+                    if b == 0 {
+                        (*dx, *dy, *of) = (d.mul(wv), v.mul(wd), v.mul(wv));
+                    } else {
+                        (*dx, *dy, *of) = (d.fma(wv, *dx), v.fma(wd, *dy), v.fma(wv, *of));
+                    }
                 }
             }
         }
     }
-    out
 }
 
 /// Transpose of [`read_layer`], added to a slab's output; `row` is (first row, rows) of the slab.

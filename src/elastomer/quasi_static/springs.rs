@@ -9,7 +9,7 @@ use super::cholesky::Cholesky;
 use super::contact::Contacts;
 use super::frames::Frames;
 use super::grid::Grid;
-use super::layer::RestLayer;
+use super::layer::{Passage, RestLayer};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -144,8 +144,7 @@ pub struct Springs {
     groups: Vec<Group>,
     /// Of E^-1 + B^T C^-1 B.
     factor: Cholesky,
-    waves: Vec<f32>,
-    scratch: Vec<f32>,
+    passage: Passage,
     face: Vec<f32>,
     load: Vec<f32>,
     y: Vec<f32>,
@@ -201,18 +200,17 @@ impl Springs {
         r: &[f32],
         z: &mut [f32],
     ) {
-        self.waves.resize(layer.waves_len(), 0.0);
         match frames {
-            None => layer.solve_to_waves(r, &mut self.waves),
+            None => layer.enter(r, &mut self.passage),
             Some(frames) => {
                 frames.enter(grid, r, &mut self.turned);
-                layer.solve_to_waves(&self.turned, &mut self.waves);
+                layer.enter(&self.turned, &mut self.passage);
             }
         }
         if !self.groups.is_empty() {
             let (n, cx) = (grid.plane(), grid.cx());
             self.face.resize(3 * n, 0.0);
-            layer.face(&self.waves, &mut self.face);
+            layer.face(&self.passage, &mut self.face);
             self.y.clear();
             for g in &self.groups {
                 let mut mean = DVec3::ZERO;
@@ -249,9 +247,9 @@ impl Springs {
                     }
                 }
             }
-            layer.subtract_face_load(&self.load, &mut self.waves, &mut self.scratch);
         }
-        layer.from_waves(&self.waves, z);
+        let load = if self.groups.is_empty() { None } else { Some(self.load.as_slice()) };
+        layer.leave(&mut self.passage, load, z);
         if let Some(frames) = frames {
             frames.leave(grid, z);
         }
@@ -329,9 +327,13 @@ mod tests {
         };
         let (mut load, mut face) = (vec![0.0; 3 * n], vec![0.0; 3 * n]);
         over(from, &mut |at, weight| load[c * n + at] = -weight as f32);
-        let mut waves = vec![0.0; layer.waves_len()];
-        layer.subtract_face_load(&load, &mut waves, &mut Vec::new());
-        layer.face(&waves, &mut face);
+        let mut passage = Passage::default();
+        let mut z = vec![0.0; grid.field_len()];
+        layer.enter(&z.clone(), &mut passage);
+        layer.leave(&mut passage, Some(&load), &mut z);
+        for (c, face) in face.chunks_mut(n).enumerate() {
+            face.copy_from_slice(&z[grid.at(c, grid.layers() - 1)..][..n]);
+        }
         let mut out = DVec3::ZERO;
         for d in 0..3 {
             over(at, &mut |at, weight| out[d] += weight * f64::from(face[d * n + at]));

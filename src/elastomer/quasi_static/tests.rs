@@ -4,7 +4,7 @@ mod friction;
 mod pads;
 
 use super::grid::Grid;
-use super::layer::RestLayer;
+use super::layer::{Passage, RestLayer};
 use super::operator::Operator;
 use super::stack::Stack;
 use super::*;
@@ -296,9 +296,18 @@ fn the_rest_layer_inverts_the_operator_away_from_the_sides() {
     let mut tangent = operator::Tangent::default();
     operator.evaluate(&vec![0.0; n], &mut force, &mut tangent);
     operator.apply(&tangent, &x, &mut force);
-    let mut waves = vec![0.0; layer.waves_len()];
-    layer.solve_to_waves(&force, &mut waves);
-    layer.from_waves(&waves, &mut back);
+    let mut passage = Passage::default();
+    layer.enter(&force, &mut passage);
+    let mut face = vec![0.0; 3 * grid.plane()];
+    layer.face(&passage, &mut face);
+    layer.leave(&mut passage, None, &mut back);
+    for (c, face) in face.chunks(grid.plane()).enumerate() {
+        let known = &back[grid.at(c, grid.layers() - 1)..];
+        assert!(
+            face.iter().zip(known).all(|(a, b)| (a - b).abs() < 1e-4),
+            "the face is known before the rest"
+        );
+    }
     let error = x.iter().zip(&back).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(error < 1e-3, "{error}");
 }
