@@ -1,7 +1,7 @@
 //! A way followed on a cascade of grids.
 //!
-//! Every increment is solved on the coarsest grid first; what its solution changed is the guess of the next finer
-//! one, which so begins within a few hundredths of its answer. Each grid keeps its own anchors and slips. The finest
+//! Every increment, unless a slide just goes on, is solved on the coarsest grid first; what its solution changed is the
+//! guess of the next finer one, which so begins within a few hundredths of its answer. Each grid keeps its own anchors and slips. The finest
 //! alone gives the answer: a coarser one that finds no equilibrium is left behind until the pad is at rest again.
 
 use super::super::Error;
@@ -119,16 +119,19 @@ fn increment(
         rest_at(coarser, pose);
         return Ok(Ok(()));
     }
+    // Where a slide goes on, what came last says more than a coarser grid, which stays behind.
+    if fine.level.slides_on_to(pose) && fine.level.increment(indenter, pose, None).is_ok() {
+        return Ok(Ok(()));
+    }
     let before: Vec<(Equilibrium, bool)> = coarser.iter().map(|s| (s.level.equilibrium(), s.lost)).collect();
-    let hint = match (&fine.bridge, before.last()) {
-        (Some(bridge), Some((old, false))) => match follow(coarser, indenter, pose, &COARSER) {
-            Ok(()) => {
-                let change = coarser[coarser.len() - 1].level.change_since(old);
-                Some(bridge.carry(&change))
+    let hint = match &fine.bridge {
+        Some(bridge) if before.last().is_some_and(|(_, lost)| !lost) => {
+            match change(coarser, indenter, fine.level.pose(), pose) {
+                Ok(change) => Some(bridge.carry(&change)),
+                Err(stopped @ Error::Interrupted) => return Err(stopped),
+                Err(_) => None,
             }
-            Err(stopped @ Error::Interrupted) => return Err(stopped),
-            Err(_) => None,
-        },
+        }
         _ => None,
     };
     let lost = hint.is_none();
@@ -142,6 +145,17 @@ fn increment(
         coarse.lost = lost;
     }
     Ok(result)
+}
+
+/// What a way changes on the last of `levels`, which may have to come to its beginning first.
+fn change(levels: &mut [Step], indenter: &dyn Indenter, from: &Pose, to: &Pose) -> Result<Vec<f32>, Error> {
+    let last = levels.len() - 1;
+    if levels[last].level.pose() != from {
+        follow(levels, indenter, from, &COARSER)?;
+    }
+    let old = levels[last].level.equilibrium();
+    follow(levels, indenter, to, &COARSER)?;
+    Ok(levels[last].level.change_since(&old))
 }
 
 /// Moves the indenter where nothing touches.

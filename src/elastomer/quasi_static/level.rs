@@ -219,6 +219,13 @@ impl Level {
         }
     }
 
+    /// Whether the way to `pose` goes on along the face as the last one did: much of what touched goes on touching.
+    pub fn slides_on_to(&self, pose: &Pose) -> bool {
+        let way = way_between(&self.at.pose, pose);
+        let level = way[2].abs() <= 0.1 * way[0].hypot(way[1]).hypot(way[3]);
+        level && self.at.last.as_ref().is_some_and(|(_, last)| along(&way, last).is_some())
+    }
+
     /// One increment to `pose`; the state is unchanged when it fails. `hint` is the change of displacement
     /// that a coarser level found for it.
     ///
