@@ -42,14 +42,16 @@ pub struct Patience {
     halvings: i32,
     /// Tangent applications for each increment that the way was to take.
     passes: f64,
+    /// Part of an increment that is gone even where the pad is unstable.
+    bold: f64,
 }
 
 /// Patience with the answer.
-pub const FINEST: Patience = Patience { halvings: 6, passes: 4000.0 };
+pub const FINEST: Patience = Patience { halvings: 6, passes: 4000.0, bold: 0.25 };
 /// Patience with an answer on finer cells than were thought necessary.
-pub const REFINED: Patience = Patience { halvings: 3, passes: 1000.0 };
+pub const REFINED: Patience = Patience { halvings: 3, passes: 1000.0, bold: 0.25 };
 /// Patience with a guess.
-const COARSER: Patience = Patience { halvings: 2, passes: 600.0 };
+const COARSER: Patience = Patience { halvings: 2, passes: 600.0, bold: f64::INFINITY };
 
 /// Follows a straight way with the last of `levels`, the others going ahead.
 ///
@@ -72,7 +74,8 @@ pub fn follow(
         let next = f64::min(1.0, done + stride);
         let next = if next > 1.0 - 1e-9 { 1.0 } else { next };
         let mut hopeless = false;
-        match increment(levels, indenter, &start.lerp(pose, next))? {
+        let cautious = (next - done) * parts > patience.bold;
+        match increment(levels, indenter, &start.lerp(pose, next), cautious)? {
             Ok(()) => {
                 levels[finest].level.check_margin(indenter)?;
                 last = levels[finest].level.outcome();
@@ -112,6 +115,7 @@ fn increment(
     levels: &mut [Step],
     indenter: &dyn Indenter,
     pose: &Pose,
+    cautious: bool,
 ) -> Result<Result<(), Outcome>, Error> {
     let Some((fine, coarser)) = levels.split_last_mut() else { return Ok(Ok(())) };
     if fine.level.is_clear(indenter, pose) {
@@ -120,7 +124,7 @@ fn increment(
         return Ok(Ok(()));
     }
     // Where a slide goes on, what came last says more than a coarser grid, which stays behind.
-    if fine.level.slides_on_to(pose) && fine.level.increment(indenter, pose, None).is_ok() {
+    if fine.level.slides_on_to(pose) && fine.level.increment(indenter, pose, None, cautious).is_ok() {
         return Ok(Ok(()));
     }
     let before: Vec<(Equilibrium, bool)> = coarser.iter().map(|s| (s.level.equilibrium(), s.lost)).collect();
@@ -135,7 +139,7 @@ fn increment(
         _ => None,
     };
     let lost = hint.is_none();
-    let result = fine.level.increment(indenter, pose, hint.as_deref());
+    let result = fine.level.increment(indenter, pose, hint.as_deref(), cautious);
     if result.is_err() {
         for (step, (at, lost)) in coarser.iter_mut().zip(before) {
             step.level.return_to(at);

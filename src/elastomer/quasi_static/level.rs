@@ -227,7 +227,7 @@ impl Level {
     }
 
     /// One increment to `pose`; the state is unchanged when it fails. `hint` is the change of displacement
-    /// that a coarser level found for it.
+    /// that a coarser level found for it. A `cautious` one fails where the pad is unstable on the way.
     ///
     /// # Errors
     /// How the solution ended, when it was none.
@@ -236,6 +236,7 @@ impl Level {
         indenter: &dyn Indenter,
         pose: &Pose,
         hint: Option<&[f32]>,
+        cautious: bool,
     ) -> Result<(), Outcome> {
         // The face at rest is an equilibrium wherever the indenter does not touch it.
         if self.is_clear(indenter, pose) {
@@ -248,7 +249,7 @@ impl Level {
         let problem = Problem { machine: &machine, indenter, pose, least_force: self.least_force };
         let way = way_between(&saved.pose, pose);
         self.guess(&problem, &way, hint);
-        match self.settle(&problem) {
+        match self.settle(&problem, cautious) {
             Ok(outcome) => {
                 self.at.contacts.end_increment(indenter);
                 self.at.last = (!saved.at_rest).then_some((saved.u, way));
@@ -308,7 +309,11 @@ impl Level {
     /// the rounds allow: what then disagrees is booked as an error. Multipliers are brought up to date long
     /// before the displacement has settled, so that both arrive together; a round that was to be sharp comes
     /// only when this does not converge.
-    fn settle(&mut self, problem: &Problem<'_>) -> Result<Outcome, Outcome> {
+    ///
+    /// Where the pad is unstable (negative curvature), it matters how it was come by: rounding decides which way it
+    /// gives. Shorter increments mostly keep clear of such places, so `cautious` ones end there.
+    fn settle(&mut self, problem: &Problem<'_>, cautious: bool) -> Result<Outcome, Outcome> {
+        self.newton.indefinite = false;
         let mut state = self.newton.begin(problem, &mut self.at.contacts, &self.at.u);
         let depth_mm = self.at.contacts.depth_mm(problem.indenter, problem.pose);
         let allowed_mm = self.penetration * depth_mm.max(LEAST_DEPTH_MM);
@@ -322,6 +327,9 @@ impl Level {
             rounds += 1;
             spent += outcome.iterations;
             outcome.iterations = spent;
+            if cautious && self.newton.indefinite {
+                return Err(outcome);
+            }
             if !(outcome.residual <= HOPELESS_RESIDUAL.max(goal)) || !state.valid() {
                 return Err(outcome);
             }

@@ -53,6 +53,8 @@ pub struct Newton {
     ap: Vec<f32>,
     /// Ends every solution early.
     pub(in crate::elastomer) interrupt: Interrupt,
+    /// Whether a direction of negative curvature was met since this was cleared.
+    pub indefinite: bool,
     /// Newton iterations since the counters were cleared.
     pub iterations: u64,
     /// Tangent applications since the counters were cleared.
@@ -235,6 +237,7 @@ impl Newton {
             self.passes += 1;
             let curvature = dot(&self.p, &self.ap);
             if !(curvature > 0.0) {
+                self.indefinite = true;
                 if pass == 0 {
                     self.step.copy_from_slice(&self.p);
                 }
