@@ -99,7 +99,8 @@ impl QuasiStaticSolver {
         start: &Pose,
     ) -> Result<Self, Error> {
         check(pad, settings)?;
-        let resolution = Resolution::for_tolerance(settings.tolerance);
+        let size = [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm];
+        let resolution = Resolution::for_tolerance(settings.tolerance).for_body(indenter.as_ref(), size);
         let wanted = refinement::wanted(settings.tolerance);
         rayon::scope(|_| Self::build(pad, settings, resolution, Some(wanted), indenter, start))
     }

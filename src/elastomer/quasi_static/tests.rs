@@ -523,3 +523,20 @@ fn a_press_of_no_use_with_coarse_cells_is_not_dragged_with_them() {
         assert!(stated < settings.tolerance, "{n}: {stated}");
     }
 }
+
+#[test]
+fn cells_are_finer_under_edges_that_the_pad_can_touch() {
+    use crate::indenter::spec::{Plan, Shape};
+    use crate::indenter::{IndenterSpec, from_spec};
+    let size = [20.0, 20.0, 4.0];
+    let usual = Resolution::for_tolerance(0.01);
+    assert_eq!(usual.for_body(&Sphere(4.0), size), usual);
+    let punch = |diameter_mm: f64| {
+        let shape = Shape::Flat { plan: Plan::Disc { diameter_mm } };
+        let spec = IndenterSpec { description: String::new(), edge_round_mm: 0.3, height_mm: 8.0, shape };
+        usual.for_body(from_spec("punch", &spec, None).expect("a disc").as_ref(), size).cell_mm
+    };
+    assert!(punch(5.4) < 0.8 * usual.cell_mm);
+    // The edges of a plate that is wider than the pad are not there.
+    assert_eq!(punch(40.0), usual.cell_mm);
+}
