@@ -6,7 +6,7 @@ use crate::indenter::{self, Indenter, IndenterSpec};
 use std::sync::Arc;
 
 /// Half the width of the band at the contact's edge that is not scored, mm.
-const EDGE_BAND_MM: f64 = 0.1;
+pub(super) const EDGE_BAND_MM: f64 = 0.1;
 
 /// 20 x 20 x 4 mm, E = 0.145 MPa, nu = 0.45: the predecessor's pad.
 pub fn pad(law: Law) -> Pad {

@@ -10,7 +10,7 @@ use super::layer::RestLayer;
 use super::newton::{Machine, Newton, Outcome, Problem};
 use super::operator::Operator;
 use super::probe;
-use super::resolution::{GUESS_RESIDUAL, Resolution};
+use super::resolution::{GUESS_RESIDUAL, LONGEST_INCREMENT_MM, Resolution};
 use super::springs::FaceGreen;
 use super::stack::Stack;
 use crate::indenter::Indenter;
@@ -43,9 +43,6 @@ const GUESS_ROUNDS: u32 = 5;
 const GUESS_NEWTON: u32 = 10;
 /// Least volume ratio of a guess.
 const GUESS_VOLUME: f32 = 0.1;
-/// Longest way of the indenter in one increment, mm: a stick press in one stride of 1 mm loses 1 to 8 % of
-/// the force, because the anchors follow the path; half of that converges.
-const LONGEST_INCREMENT_MM: f64 = 0.5;
 /// Longest way along the face in one increment with friction, mm.
 const LONGEST_SLIDE_MM: f64 = 0.25;
 /// Largest turn in one increment, degrees.
@@ -65,6 +62,8 @@ pub struct Level {
     penetration: f64,
     /// Forces below this count as this, N.
     least_force: f64,
+    /// Longest way into the pad in one increment with friction, mm.
+    increment_mm: f64,
     /// Whether a finer level makes its answers good.
     guesses: bool,
     /// The equilibrium reached.
@@ -120,6 +119,7 @@ impl Level {
             residual: resolution.residual,
             penetration: resolution.penetration,
             least_force,
+            increment_mm: resolution.increment_mm,
             guesses,
             at: Equilibrium {
                 pose,
@@ -143,6 +143,7 @@ impl Level {
             residual: self.residual,
             penetration: self.penetration,
             least_force: self.least_force,
+            increment_mm: self.increment_mm,
             guesses: self.guesses,
             at: self.at.clone(),
             newton: Newton::ended_by(self.newton.interrupt.clone()),
@@ -271,8 +272,10 @@ impl Level {
         let along = (to.x_mm - from.x_mm).hypot(to.y_mm - from.y_mm);
         let down = (to.z_mm - from.z_mm).abs();
         let turn = (to.theta_deg - from.theta_deg).abs();
-        let short = if self.at.contacts.has_friction() { LONGEST_SLIDE_MM } else { LONGEST_INCREMENT_MM };
-        (down / LONGEST_INCREMENT_MM).max(along / short).max(turn / LARGEST_TURN_DEG).ceil().max(1.0)
+        let longest = [LONGEST_INCREMENT_MM, LONGEST_INCREMENT_MM];
+        let friction = [self.increment_mm, LONGEST_SLIDE_MM];
+        let [deep, far] = if self.at.contacts.has_friction() { friction } else { longest };
+        (down / deep).max(along / far).max(turn / LARGEST_TURN_DEG).ceil().max(1.0)
     }
 
     /// Guesses the displacement at the next pose: as a coarser level says, else extrapolated where the way
