@@ -392,7 +392,8 @@ fn edge_of_contact(now: &ElastomerCapture) -> Vec<bool> {
     (0..s.nx * s.ny)
         .map(|n| (n % s.nx, n / s.nx))
         .map(|(i, j)| {
-            let mut around = near(j, reach[1], s.ny).flat_map(|q| near(i, reach[0], s.nx).map(move |p| (p, q)));
+            let mut around =
+                near(j, reach[1], s.ny).flat_map(|q| near(i, reach[0], s.nx).map(move |p| (p, q)));
             around.any(|(p, q)| touches(p, q) != touches(i, j))
         })
         .collect()
