@@ -7,7 +7,7 @@ use super::contact::{Contacts, STICK_STRENGTH};
 use super::frames::Frames;
 use super::grid::Grid;
 use super::layer::RestLayer;
-use super::newton::{Machine, Newton, Outcome, Problem};
+use super::newton::{Machine, Newton, Outcome, Problem, State};
 use super::operator::Operator;
 use super::probe;
 use super::resolution::{GUESS_RESIDUAL, LONGEST_INCREMENT_MM, Resolution};
@@ -31,6 +31,10 @@ const MISFIT_TO_ERROR: f64 = 2.0;
 const FRICTION_TO_ERROR: f64 = 0.1;
 /// A press counts as at least this deep where errors are relative to depth, mm.
 const LEAST_DEPTH_MM: f64 = 0.02;
+/// Difference between the base's reaction and the contact force, over that force, with which an increment may end.
+const LARGEST_IMBALANCE: f64 = 1e-3;
+/// A residual below which single precision says no more.
+const LEAST_RESIDUAL: f64 = 1e-5;
 /// Newton iterations in an increment before it is halved.
 const MOST_NEWTON: u32 = 100;
 /// A residual (relative to the contact forces) with which an increment may end when its rounds are used up.
@@ -322,9 +326,10 @@ impl Level {
         let allowed_mm = self.penetration * depth_mm.max(LEAST_DEPTH_MM);
         let mut spent = 0;
         let mut rounds = 0;
+        let mut residual = self.residual;
         loop {
             let goal = if rounds < QUICK_ROUNDS { QUICK_REDUCTION * state.relative.min(1.0) } else { 0.0 };
-            let goal = goal.max(self.residual);
+            let goal = goal.max(residual);
             let mut outcome =
                 self.newton.solve(problem, &mut self.at.contacts, &mut self.at.u, &mut state, goal);
             rounds += 1;
@@ -343,9 +348,13 @@ impl Level {
             self.at.penetration_mm = updated.violation_mm;
             self.at.unsettled = updated.bound_change;
             let settled =
-                updated.events == 0 && updated.violation_mm < allowed_mm && state.relative <= self.residual;
+                updated.events == 0 && updated.violation_mm < allowed_mm && state.relative <= residual;
             if settled {
-                return Ok(outcome);
+                if self.guesses || residual < LEAST_RESIDUAL || self.is_balanced(problem, &state) {
+                    return Ok(outcome);
+                }
+                // What is left is small at each point and all of one sign.
+                residual *= 0.3;
             }
             if self.guesses
                 && (rounds >= GUESS_ROUNDS || spent >= GUESS_NEWTON)
@@ -367,6 +376,13 @@ impl Level {
                 return if near { Ok(outcome) } else { Err(outcome) };
             }
         }
+    }
+
+    /// Whether the base bears what presses on the face.
+    fn is_balanced(&self, problem: &Problem<'_>, state: &State) -> bool {
+        let (force, _) = self.at.contacts.resultant(problem.pose);
+        (force.z.abs() - state.base_force.abs()).abs()
+            <= LARGEST_IMBALANCE * force.z.abs().max(self.least_force)
     }
 
     /// Error of the surface relative to depth, estimated from what the splines leave between the sample

@@ -598,16 +598,23 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
                 }
                 Law::NeoHookean => {
                     let data = &mut data[(CELL_FIELDS + p * NEO_HOOKEAN_FIELDS) * WIDTH..];
-                    let inv = one.div(j1[p].add(one));
-                    let factor = inv.fnma(mu, pressure).add(leveling);
+                    // F - C/J from the gradient alone: of the two, each near one, rounding would be left in a small press.
+                    let of = *h;
+                    let minors = cofactor(&of);
+                    let volume = j1[p].add(one);
+                    let shear = mu.div(volume);
+                    let beyond = j1[p].sub(of[0][0].add(of[1][1]).add(of[2][2]));
+                    let pressure = pressure.add(leveling);
                     let half_mu = mu.mul(L::splat(0.5));
                     own = lanes_ln_1p(j1[p]).fnma(mu, own);
                     for i in 0..3 {
-                        own = mu.fma(h[i][i], own);
+                        own = mu.fma(of[i][i], own);
                         for j in 0..3 {
                             f[i][j].store(&mut data[(3 * i + j) * WIDTH..]);
-                            own = half_mu.mul(h[i][j]).fma(h[i][j], own);
-                            h[i][j] = mu.fma(f[i][j], factor.mul(c[i][j]));
+                            own = half_mu.mul(of[i][j]).fma(of[i][j], own);
+                            let turned = of[j][i].sub(minors[i][j]);
+                            let sum = volume.fma(of[i][j], if i == j { turned.add(beyond) } else { turned });
+                            h[i][j] = shear.fma(sum, pressure.mul(c[i][j]));
                         }
                     }
                 }

@@ -484,9 +484,9 @@ fn a_press_that_states_too_much_is_solved_with_finer_cells_until_it_is_dragged_o
         }
         .expect("settings are in range")
     };
-    let coarse = Resolution::for_tolerance(settings.tolerance);
-    let press = Pose::new(0.0, 0.0, -0.5, 0.0);
-    let drag = Pose::new(0.1, 0.0, -0.5, 0.0);
+    let coarse = Resolution::for_tolerance(settings.tolerance).for_body(punch.as_ref(), [10.0, 10.0, 4.0]);
+    let press = Pose::new(0.0, 0.0, -0.3, 0.0);
+    let drag = Pose::new(0.1, 0.0, -0.3, 0.0);
     let run = |s: &mut QuasiStaticSolver, pose: &Pose| {
         s.advance(pose).expect("an easy way");
         (s.finest().grid().nx, s.capture(41, 41).expect("a lattice"))

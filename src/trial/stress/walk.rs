@@ -511,7 +511,7 @@ fn cycles(walk: &mut Walk<'_>) -> Result<(), Error> {
             let force = walk.go(pose)?.forces.normal_force_n;
             let first = *first.get_or_insert(force);
             let off = (force - first).abs() / force.max(walk.least_force());
-            walk.checks.hold("force wanders over cycles", off, 0.01);
+            walk.checks.hold("force wanders over cycles", off, 0.01 + 0.5 * walk.claim);
         }
         let pose = walk.at(-0.3 * case.depth_mm);
         walk.solver.advance(&pose)?;
