@@ -96,7 +96,7 @@ fn load_tile<L: Lanes>(place: &Place, nodes: &[Nodes], tile: &mut Tile) {
 
 /// Where neighbour `n` begins in a tile along axis `d`, and how many nodes it has there.
 #[inline(always)]
-pub fn reach(n: usize, d: usize) -> (usize, usize) {
+fn reach(n: usize, d: usize) -> (usize, usize) {
     if n >> d & 1 == 1 { (BLOCK[d], RIM) } else { (0, BLOCK[d]) }
 }
 
