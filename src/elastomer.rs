@@ -111,6 +111,36 @@ pub enum Error {
         /// What was seen.
         what: String,
     },
+    /// The strain that an explicit mode's particles carry is no longer that of their positions.
+    #[error(
+        "at step {step} (t = {time_s:.6} s) of {mode} the strain that the particles carry leaves {:.0} % of the pad's deformation unexplained, at most {:.0} % can be used: it drifts a little in every step; take fewer steps (raise elastomer.speed_mm_s or elastomer.dt_s, or choose a shorter path), raise elastomer.particles, or use elastomer.mode = \"quasi_static\"", 100.0 * unexplained, 100.0 * allowed
+    )]
+    Drifted {
+        /// `mpm` or `impm`.
+        mode: &'static str,
+        /// Step number, from 0.
+        step: u64,
+        /// Simulated time, s.
+        time_s: f64,
+        /// Part of the deformation's sum of squares that the strain does not explain.
+        unexplained: f64,
+        /// Largest that is accepted.
+        allowed: f64,
+    },
+    /// The indenter of an explicit mode has gone through the pad's face.
+    #[error(
+        "at pose ({pose}) the face of the pad lies {inside_mm:.3} mm inside the indenter; {mode} tells bodies apart by one grid cell, {cell_mm:.3} mm; raise elastomer.particles for a finer grid, lower elastomer.speed_mm_s or elastomer.dt_s, round the indenter's edges, press less deep, or use elastomer.mode = \"quasi_static\""
+    )]
+    PassedThrough {
+        /// `mpm` or `impm`.
+        mode: &'static str,
+        /// Where the indenter was.
+        pose: Pose,
+        /// How deep the face lies in it, mm.
+        inside_mm: f64,
+        /// Grid cell, the largest that is accepted, mm.
+        cell_mm: f64,
+    },
     /// A waypoint has no equilibrium that the solver could find.
     #[error(
         "no equilibrium found at pose ({pose}): residual {residual:.3e} after {iterations} iterations and {restarts} restarts; {advice}"

@@ -35,6 +35,7 @@ pub mod grid;
 pub mod lanes;
 pub mod particles;
 pub mod scheme;
+pub mod shape;
 pub mod spline;
 pub mod stress;
 pub mod surface;
@@ -45,7 +46,7 @@ use self::body::{Body, Fault};
 use self::cloud::Cloud;
 use self::lanes::Isa;
 use self::scheme::Scheme;
-use self::stress::energy_density;
+use self::stress::Stored;
 use super::interrupt::Interrupt;
 use super::{
     ContactForces, Elastomer, ElastomerCapture, Error, Mode, Pad, Settings, SolverStats, pose_can_be_reached,
@@ -62,6 +63,14 @@ use std::sync::atomic::AtomicBool;
 const FORCE_WINDOW_STEPS: usize = 10;
 /// Two particles further apart than this, in cells along any axis, share no node.
 const REACH_CELLS: f64 = 3.0;
+
+/// Largest part of the deformation that the strain carried may leave unexplained: where more is unexplained than
+/// explained, the forces are those of the drift ([`shape`]).
+const MOST_UNEXPLAINED: f64 = 0.5;
+/// How deep a point of the face may lie inside the indenter, cells. The shared grid keeps the face about half a cell
+/// outside; a cell inside, the nodes of a kernel of radius 1.5 belong to the indenter's points alone and none is left
+/// that could push the face back.
+const DEEPEST_CELLS: f64 = 1.0;
 
 /// Momentum exchanged in one step, solver's units.
 #[derive(Debug, Clone, Copy, Default)]
@@ -93,6 +102,8 @@ pub struct ExplicitSolver {
     step: u64,
     forces: VecDeque<StepForces>,
     tally: Tally,
+    /// Largest deformation at a capture so far, as a sum of squares ([`shape`]).
+    most_deformed: f64,
 }
 
 impl ExplicitSolver {
@@ -149,6 +160,7 @@ impl ExplicitSolver {
             step: 0,
             forces: VecDeque::new(),
             tally: Tally::default(),
+            most_deformed: 0.0,
         };
         solver.advance(start)?;
         Ok(solver)
@@ -223,9 +235,36 @@ impl ExplicitSolver {
         (v_e - v_o).length() <= self.settings.rest_threshold * v_o.length().max(floor)
     }
 
+    fn mode_name(&self) -> &'static str {
+        if self.settings.mode == Mode::Mpm { "mpm" } else { "impm" }
+    }
+
+    /// Whether the state can be shown: finite numbers alone do not make it right.
+    fn check_state(&mut self, nearest_mm: f64) -> Result<(), Error> {
+        let cell_mm = self.body.scheme.dx_mm;
+        if -nearest_mm > DEEPEST_CELLS * cell_mm {
+            let (mode, pose) = (self.mode_name(), self.pose);
+            return Err(Error::PassedThrough { mode, pose, inside_mm: -nearest_mm, cell_mm });
+        }
+        let drift = shape::drift(&self.body);
+        // A released pad is compared with the press that it comes from: what is left of it is mostly noise.
+        self.most_deformed = self.most_deformed.max(drift.shape).max(shape::least(&self.body));
+        let unexplained = drift.unexplained(self.most_deformed);
+        if !(unexplained <= MOST_UNEXPLAINED) {
+            return Err(Error::Drifted {
+                mode: self.mode_name(),
+                step: self.step,
+                time_s: self.step as f64 * self.body.scheme.dt_s,
+                unexplained,
+                allowed: MOST_UNEXPLAINED,
+            });
+        }
+        Ok(())
+    }
+
     fn diverged(&self, fault: Fault) -> Error {
         Error::Diverged {
-            mode: if self.settings.mode == Mode::Mpm { "mpm" } else { "impm" },
+            mode: self.mode_name(),
             step: self.step,
             time_s: self.step as f64 * self.body.scheme.dt_s,
             particle: fault.particle,
@@ -239,10 +278,7 @@ impl ExplicitSolver {
         let parts: Vec<f64> = self
             .body
             .blocks()
-            .map(|(bin, origin)| {
-                let density = |h: [f32; 9]| energy_density(scheme.law, &h.map(f64::from), scheme.moduli_pa);
-                bin.iter(origin).map(|p| density(p.strain)).sum()
-            })
+            .map(|(bin, _)| self.body.isa.run(Stored { bin, law: scheme.law, moduli: scheme.moduli_pa }))
             .collect();
         let (kinetic, elastic) = (0.5 * self.body.speed_squared, parts.iter().sum::<f64>());
         let volume: f64 = scheme.spacing_mm.iter().product();
@@ -295,13 +331,15 @@ impl Elastomer for ExplicitSolver {
                 why: "a surface needs at least 2 points along each direction".to_owned(),
             });
         }
-        let scheme = &self.body.scheme;
         let surface = surface::sample(&self.body, nx, ny);
-        let contact: Vec<bool> = surface
+        let distance_mm: Vec<f64> = surface
             .positions
             .par_iter()
-            .map(|p| self.indenter.distance(self.pose.to_indenter(p.as_dvec3())) <= scheme.dx_mm)
+            .map(|p| self.indenter.distance(self.pose.to_indenter(p.as_dvec3())))
             .collect();
+        self.check_state(distance_mm.iter().copied().fold(f64::INFINITY, f64::min))?;
+        let scheme = &self.body.scheme;
+        let contact: Vec<bool> = distance_mm.iter().map(|d| *d <= scheme.dx_mm).collect();
         let (size_x, size_y) = (scheme.size_mm[0], scheme.size_mm[1]);
         let cell_mm2 = size_x / (nx - 1) as f64 * size_y / (ny - 1) as f64;
         let contact_area_mm2 = contact.iter().filter(|c| **c).count() as f64 * cell_mm2;

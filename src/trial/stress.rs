@@ -96,7 +96,8 @@ pub struct Judgement {
     pub verdict: Verdict,
     /// The error, or the check that failed.
     pub what: String,
-    /// Kind of the error: `setting`, `not_converged`, `unresolved`, `off_pad`, `diverged`; empty without one.
+    /// Kind of the error: `setting`, `not_converged`, `unresolved`, `off_pad`, `diverged`, `drifted`,
+    /// `passed_through`; empty without one.
     pub error: String,
     /// Every check at its worst.
     pub checks: Vec<Check>,
@@ -178,6 +179,8 @@ pub fn cpu_seconds() -> f64 {
 fn kind(error: &Error) -> &'static str {
     match error {
         Error::Diverged { .. } => "diverged",
+        Error::Drifted { .. } => "drifted",
+        Error::PassedThrough { .. } => "passed_through",
         Error::NotConverged { .. } => "not_converged",
         Error::Unresolved { .. } => "unresolved",
         Error::OffPad { .. } => "off_pad",

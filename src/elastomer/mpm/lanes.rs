@@ -43,6 +43,8 @@ pub trait Number:
     fn splat(x: f64) -> Self;
     /// `self * b + c`, fused where the machine can.
     fn mul_add(self, b: Self, c: Self) -> Self;
+    /// `self * b - c`, fused where the machine can.
+    fn mul_sub(self, b: Self, c: Self) -> Self;
     /// Quotient.
     fn over(self, b: Self) -> Self;
     /// Square root.
@@ -75,8 +77,8 @@ pub trait Lanes: Number {
     unsafe fn write(self, to: *mut f32);
     /// The four floats at group `g` of the row, four times over.
     fn repeat_group<const G: usize>(row: &Row) -> Self;
-    /// `[sum of a's groups | sum of b's | of c's | of d's]`: each argument's four groups of four are added.
-    fn sum_groups(a: Self, b: Self, c: Self, d: Self) -> Self;
+    /// In groups of four: `[a0 + a1 + a2 | a2 - a0 | b0 + b1 + b2 | c0 + c1 + c2]`. The last group of each must be zero.
+    fn moments(a: Self, b: Self, c: Self) -> Self;
     /// The fourth float of each group, in all four places of the group.
     fn fourth_of_group(self) -> Self;
     /// Transposes sixteen rows of sixteen.
@@ -201,6 +203,10 @@ impl Number for f64 {
         self * b + c
     }
     #[inline(always)]
+    fn mul_sub(self, b: Self, c: Self) -> Self {
+        self * b - c
+    }
+    #[inline(always)]
     fn over(self, b: Self) -> Self {
         self / b
     }
@@ -239,7 +245,7 @@ mod tests {
         fn run<L: Lanes>(self) -> Self::Output {
             let (a, b) = (L::load(self.a), L::load(self.b));
             let mut rows = self.many.map(|r| L::load(&r));
-            let sums = L::sum_groups(rows[0], rows[1], rows[2], rows[3]);
+            let sums = L::moments(rows[0].keep(0x0fff), rows[1].keep(0x0fff), rows[2].keep(0x0fff));
             L::transpose(&mut rows);
             let results = [
                 a + b,
@@ -254,6 +260,8 @@ mod tests {
                 a.keep(0b1010_0110_0001_1101),
                 L::repeat_group::<2>(self.a),
                 a.fourth_of_group(),
+                a.mul_add(b, rows[0]),
+                a.mul_sub(b, rows[0]),
                 L::fill(2.5),
                 sums,
             ];
@@ -280,10 +288,11 @@ mod tests {
         let work = || Everything { a: &a, b: &b, many: &many };
         let (truth, masks) = Isa::Portable.run(work());
         for i in 0..WIDTH {
-            assert_eq!(truth[14 + i].0, std::array::from_fn::<f32, WIDTH, _>(|k| many[k].0[i]));
+            assert_eq!(truth[16 + i].0, std::array::from_fn::<f32, WIDTH, _>(|k| many[k].0[i]));
         }
-        let expected: f32 = (0..4).map(|g| many[1].0[g * 4 + 2]).sum();
-        assert!((truth[13].0[6] - expected).abs() < 1e-5);
+        let expected: f32 = (0..3).map(|g| many[1].0[g * 4 + 2]).sum();
+        assert!((truth[15].0[10] - expected).abs() < 1e-5);
+        assert!((truth[15].0[6] - (many[0].0[10] - many[0].0[2])).abs() < 1e-5);
         for isa in Isa::available() {
             let (rows, m) = isa.run(work());
             assert_eq!(m, masks, "{isa:?}");

@@ -50,12 +50,10 @@ impl<L: Lanes> AlongX<L> {
 /// Weights along one axis for sixteen particles side by side.
 // A function, not a closure: closures are not inlined into kernels and then lose the instruction set.
 #[inline(always)]
-pub fn weights<L: Lanes>(offset: L, out: &mut [Row; 3]) {
+pub fn weights<L: Lanes>(offset: L) -> [L; 3] {
     let (lo, mid, hi) = (L::fill(1.5) - offset, offset - L::fill(1.0), offset - L::fill(0.5));
     let half = L::fill(0.5);
-    (half * lo * lo).store(&mut out[0]);
-    (L::fill(0.75) - mid * mid).store(&mut out[1]);
-    (half * hi * hi).store(&mut out[2]);
+    [half * lo * lo, L::fill(0.75) - mid * mid, half * hi * hi]
 }
 
 /// Weights of the three nodes for one offset.

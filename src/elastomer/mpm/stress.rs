@@ -13,7 +13,8 @@
 //! i1 <= sqrt(3 I_b). All is written in the departures e1 = i1 - 3, e2 = i2 - 3, e3 = J - 1, which
 //! are small where the strain is, so nothing cancels.
 
-use super::lanes::Number;
+use super::lanes::{Kernel, Lanes, Number, Row};
+use super::particles::Bin;
 use crate::elastomer::Law;
 
 /// A symmetric matrix: xx, yy, zz, xy, yz, zx.
@@ -152,19 +153,52 @@ pub fn kirchhoff<T: Number>(law: Law, h: &[T; 9], moduli: Moduli<T>) -> (Symmetr
 }
 
 /// Stored energy per reference volume, for reports.
-pub fn energy_density(law: Law, h: &[f64; 9], moduli: Moduli<f64>) -> f64 {
+#[inline(always)]
+pub fn energy_density<T: Number>(law: Law, h: &[T; 9], moduli: Moduli<T>) -> T {
     let (b, e3) = left_strain(h);
     let trace = b[0] + b[1] + b[2];
+    let half = T::splat(0.5);
     match law {
         Law::NeoHookean => {
-            let ln_j = e3.ln_1p();
-            moduli.mu * (0.5 * trace - ln_j) + 0.5 * moduli.lambda * ln_j * ln_j
+            let ln_j = log1p(e3);
+            moduli.mu * (half * trace - ln_j) + half * moduli.lambda * ln_j * ln_j
         }
         // |F - R|^2 = tr b - 2 i1 + 3.
         Law::FixedCorotated => {
             let (e1, _) = stretch_invariants(&b, e3);
-            moduli.mu * (trace - 2.0 * e1) + 0.5 * moduli.lambda * e3 * e3
+            moduli.mu * (trace - (e1 + e1)) + half * moduli.lambda * e3 * e3
         }
+    }
+}
+
+/// Sums the stored energies of a block's particles, per particle volume.
+pub struct Stored<'a> {
+    /// The block's particles.
+    pub bin: &'a Bin,
+    /// Constitutive law.
+    pub law: Law,
+    /// Lame parameters.
+    pub moduli: Moduli<f64>,
+}
+
+impl Kernel for Stored<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> f64 {
+        let moduli = Moduli { mu: L::splat(self.moduli.mu), lambda: L::splat(self.moduli.lambda) };
+        let (zero, mut total) = (L::splat(0.0), 0.0);
+        for batch in &self.bin.batches {
+            let mut h = [zero; 9];
+            for k in 0..9 {
+                h[k] = L::load(&batch.strain[k]);
+            }
+            let mut row = Row::ZERO;
+            // Differences of nearly equal numbers: the smallest may come out negative.
+            energy_density(self.law, &h, moduli).larger(zero).keep(batch.used()).store(&mut row);
+            total += row.0.iter().map(|&e| f64::from(e)).sum::<f64>();
+        }
+        total
     }
 }
 

@@ -96,7 +96,7 @@ fn load_tile<L: Lanes>(place: &Place, nodes: &[Nodes], tile: &mut Tile) {
 
 /// Where neighbour `n` begins in a tile along axis `d`, and how many nodes it has there.
 #[inline(always)]
-pub fn reach(n: usize, d: usize) -> (usize, usize) {
+fn reach(n: usize, d: usize) -> (usize, usize) {
     if n >> d & 1 == 1 { (BLOCK[d], RIM) } else { (0, BLOCK[d]) }
 }
 
@@ -112,39 +112,35 @@ fn gather_one<L: Lanes>(x: &AlongX<L>, offset: f32, wy: [f32; 3], wz: [f32; 3], 
             let row = |k: usize| last.sub(((2 - k) * TILE_LAYER + (2 - j) * TILE[0]) * 4);
             (L::read(row(0)), L::read(row(1)), L::read(row(2)))
         };
-        let (t0, t2) = (n0 * z0, n2 * z2);
-        rows[j] = n1.mul_add(z1, t0 + t2);
-        along_z[j] = t2 - t0;
+        let t0 = n0 * z0;
+        rows[j] = n1.mul_add(z1, n2.mul_add(z2, t0));
+        along_z[j] = n2.mul_sub(z2, t0);
     }
     let [y0, y1, y2] = wy.map(L::fill);
-    let (t0, t2) = (rows[0] * y0, rows[2] * y2);
-    let sum = rows[1].mul_add(y1, t0 + t2);
-    let along_y = t2 - t0;
+    let t0 = rows[0] * y0;
+    let sum = rows[1].mul_add(y1, rows[2].mul_add(y2, t0));
+    let along_y = rows[2].mul_sub(y2, t0);
     let along_z = along_z[0].mul_add(y0, along_z[1].mul_add(y1, along_z[2] * y2));
     let w = x.weights(offset);
-    let v = w * sum;
-    L::sum_groups(v, v * x.step, w * along_y, w * along_z)
+    L::moments(w * sum, w * along_y, w * along_z)
 }
 
 /// Adds one particle's mass and momentum to its stencil. `m` is `[momentum, mass | A x | A y | A z]` at the middle node.
 #[inline(always)]
-fn scatter_one<L: Lanes>(x: &AlongX<L>, offset: f32, wy: [f32; 3], wz: [f32; 3], m: &Row, last: *mut f32) {
+fn scatter_one<L: Lanes>(x: &AlongX<L>, offset: f32, wyz: &[Row; 9], i: usize, m: &Row, last: *mut f32) {
     let w = x.weights(offset);
     let middle = w * x.step.mul_add(L::repeat_group::<1>(m), L::repeat_group::<0>(m));
     let along_y = w * L::repeat_group::<2>(m);
     let along_z = w * L::repeat_group::<3>(m);
-    let [z0, z1, z2] = wz.map(L::fill);
     let rows = [middle - along_y, middle, middle + along_y];
     for j in 0..3 {
-        let wy = L::fill(wy[j]);
-        let a = rows[j] * wy;
-        let b = along_z * wy;
         let row = |k: usize| last.wrapping_sub(((2 - k) * TILE_LAYER + (2 - j) * TILE[0]) * 4);
+        let w = |k: usize| L::fill(wyz[3 * k + j].0[i]);
         // SAFETY: `last` is the last row of a stencil inside a tile; the others lie before it.
         unsafe {
-            (a - b).mul_add(z0, L::read(row(0))).write(row(0));
-            a.mul_add(z1, L::read(row(1))).write(row(1));
-            (a + b).mul_add(z2, L::read(row(2))).write(row(2));
+            (rows[j] - along_z).mul_add(w(0), L::read(row(0))).write(row(0));
+            rows[j].mul_add(w(1), L::read(row(1))).write(row(1));
+            (rows[j] + along_z).mul_add(w(2), L::read(row(2))).write(row(2));
         }
     }
 }
@@ -157,6 +153,19 @@ struct Motion {
 
 impl Motion {
     const NONE: Motion = Motion { velocity: [Row::ZERO; 3], affine: [Row::ZERO; 9] };
+}
+
+/// Rows on the way between the two layouts. Made once a block: to make them anew for every batch would cost as many
+/// stores as the batch itself.
+struct Between {
+    /// Weights along y and z, or their products.
+    weights: [Row; 9],
+    /// What comes from the grid or goes to it, particle by particle.
+    moments: [Row; WIDTH],
+}
+
+impl Between {
+    const EMPTY: Between = Between { weights: [Row::ZERO; 9], moments: [Row::ZERO; WIDTH] };
 }
 
 /// Subtracts the stress of twice sixteen particles from their C, which leaves the affine momentum.
@@ -189,8 +198,10 @@ fn scatter_batch<L: Lanes>(
     offset: &[Row; 3],
     node: &[u16; WIDTH],
     lanes: u16,
+    between: &mut Between,
     tile: &mut Tile,
 ) {
+    let Between { weights: wyz, moments } = between;
     // Momentum as the middle node sees it: v - A g.
     let one = L::fill(1.0);
     let g = [L::load(&offset[0]) - one, L::load(&offset[1]) - one, L::load(&offset[2]) - one];
@@ -209,29 +220,22 @@ fn scatter_batch<L: Lanes>(
     }
     rows[3] = one;
     L::transpose(&mut rows);
-    let mut momentum = [Row::ZERO; WIDTH];
     for i in 0..WIDTH {
-        rows[i].store(&mut momentum[i]);
+        rows[i].store(&mut moments[i]);
     }
-    let (mut wy, mut wz) = ([Row::ZERO; 3], [Row::ZERO; 3]);
-    weights(L::load(&offset[1]), &mut wy);
-    weights(L::load(&offset[2]), &mut wz);
+    let (wy, wz) = (weights(L::load(&offset[1])), weights(L::load(&offset[2])));
+    for k in 0..3 {
+        for j in 0..3 {
+            (wy[j] * wz[k]).store(&mut wyz[3 * k + j]);
+        }
+    }
     let mut left = lanes;
     while left != 0 {
         let i = left.trailing_zeros() as usize;
         left &= left - 1;
         let last = tile.at_mut(node[i] as usize + LAST_ROW);
-        let y = [wy[0].0[i], wy[1].0[i], wy[2].0[i]];
-        let z = [wz[0].0[i], wz[1].0[i], wz[2].0[i]];
-        scatter_one(x, offset[0].0[i], y, z, &momentum[i], last);
+        scatter_one(x, offset[0].0[i], wyz, i, &moments[i], last);
     }
-}
-
-/// What becomes of one batch on the way from the grid to the particles.
-struct Moved {
-    motion: Motion,
-    /// Lanes that stay in the block.
-    staying: u16,
 }
 
 /// The kernel's state while it goes over the batches of a block.
@@ -247,26 +251,29 @@ struct Walk<'a, L> {
 }
 
 impl<L: Lanes> Walk<'_, L> {
-    /// Grid to one batch: its motion, and with `advance` its new place and strain.
+    /// Grid to one batch: its motion, and with `advance` its new place and strain. Returns the lanes that stay in the
+    /// block.
     #[inline(always)]
-    fn receive(&mut self, b: usize, batch: &mut Batch) -> Moved {
+    fn receive(&mut self, b: usize, batch: &mut Batch, between: &mut Between, motion: &mut Motion) -> u16 {
         let used = batch.used();
 
         // From the grid, one particle at a time.
-        let mut gathered = [Row::ZERO; WIDTH];
-        let (mut wy, mut wz) = ([Row::ZERO; 3], [Row::ZERO; 3]);
-        weights(L::load(&batch.offset[1]), &mut wy);
-        weights(L::load(&batch.offset[2]), &mut wz);
+        let Between { weights: w, moments } = between;
+        let (wy, wz) = (weights(L::load(&batch.offset[1])), weights(L::load(&batch.offset[2])));
+        for j in 0..3 {
+            wy[j].store(&mut w[j]);
+            wz[j].store(&mut w[3 + j]);
+        }
         for i in 0..batch.len as usize {
             let last = self.velocities.at(batch.node[i] as usize + LAST_ROW);
-            let y = [wy[0].0[i], wy[1].0[i], wy[2].0[i]];
-            let z = [wz[0].0[i], wz[1].0[i], wz[2].0[i]];
-            gather_one(&self.x, batch.offset[0].0[i], y, z, last).store(&mut gathered[i]);
+            let y = [w[0].0[i], w[1].0[i], w[2].0[i]];
+            let z = [w[3].0[i], w[4].0[i], w[5].0[i]];
+            gather_one(&self.x, batch.offset[0].0[i], y, z, last).store(&mut moments[i]);
         }
         let (one, four) = (L::fill(1.0), L::fill(4.0));
         let mut rows = [one; WIDTH];
         for i in 0..WIDTH {
-            rows[i] = L::load(&gathered[i]);
+            rows[i] = L::load(&moments[i]);
         }
         L::transpose(&mut rows);
 
@@ -296,7 +303,6 @@ impl<L: Lanes> Walk<'_, L> {
             }
         }
         self.speed_squared = v[0].mul_add(v[0], v[1].mul_add(v[1], v[2].mul_add(v[2], self.speed_squared)));
-        let mut motion = Motion::NONE;
         for d in 0..3 {
             v[d].store(&mut motion.velocity[d]);
         }
@@ -312,10 +318,10 @@ impl<L: Lanes> Walk<'_, L> {
         if !sane & used != 0 {
             let i = (!sane & used).trailing_zeros() as usize;
             self.report.runaway = self.report.runaway.or(Some(batch.id[i]));
-            return Moved { motion, staying: used };
+            return used;
         }
         if !self.advance {
-            return Moved { motion, staying: used };
+            return used;
         }
 
         // Strain and place move on.
@@ -337,8 +343,7 @@ impl<L: Lanes> Walk<'_, L> {
             crossed |= x.less(L::fill(0.5)) | L::fill(1.5).less(x);
             x.store(&mut batch.offset[d]);
         }
-        let gone = self.cross(b, batch, crossed & used, &motion);
-        Moved { motion, staying: used & !gone }
+        used & !self.cross(b, batch, crossed & used, motion)
     }
 
     /// Gives particles that crossed a cell border their new cell. Returns the lanes that left the block.
@@ -393,23 +398,25 @@ impl Kernel for Pass<'_> {
             leaving: Vec::new(),
             report: Report::default(),
         };
+        let mut between = Between::EMPTY;
+        let mut motions = [Motion::NONE, Motion::NONE];
         for (p, pair) in bin.batches.chunks_mut(2).enumerate() {
             // The next two batches lie behind these.
             let next = pair.as_ptr_range().end.cast::<Row>();
             for line in 0..2 * size_of::<Batch>() / size_of::<Row>() {
                 L::fetch_soon(next.wrapping_add(line));
             }
-            let mut moved =
-                [Moved { motion: Motion::NONE, staying: 0 }, Moved { motion: Motion::NONE, staying: 0 }];
+            let mut staying = [0; 2];
             for (i, batch) in pair.iter_mut().enumerate() {
-                moved[i] = walk.receive(2 * p + i, batch);
+                staying[i] = walk.receive(2 * p + i, batch, &mut between, &mut motions[i]);
             }
-            let [first, second] = &mut moved;
+            let [first, second] = &mut motions;
             let strain = [&pair[0].strain, &pair[pair.len() - 1].strain];
-            let bad = add_stress::<L>(elastic, strain, [&mut first.motion.affine, &mut second.motion.affine]);
+            let bad = add_stress::<L>(elastic, strain, [&mut first.affine, &mut second.affine]);
             for (i, batch) in pair.iter().enumerate() {
-                let lanes = moved[i].staying;
-                scatter_batch(&walk.x, &moved[i].motion, &batch.offset, &batch.node, lanes, tile);
+                let lanes = staying[i];
+                let (offset, node) = (&batch.offset, &batch.node);
+                scatter_batch(&walk.x, &motions[i], offset, node, lanes, &mut between, tile);
                 let bad = bad[i] & lanes;
                 if bad != 0 && walk.report.crushed.is_none() {
                     walk.report.crushed = Some(batch.id[bad.trailing_zeros() as usize]);
@@ -445,7 +452,7 @@ impl Kernel for Arrive<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Option<u32> {
         let x = AlongX::<L>::in_registers();
-        let mut crushed = None;
+        let (mut crushed, mut between) = (None, Between::EMPTY);
         for some in self.arrivals.chunks(WIDTH) {
             let mut offset = [Row([1.0; WIDTH]); 3];
             let mut motion = Motion::NONE;
@@ -466,7 +473,7 @@ impl Kernel for Arrive<'_> {
             let mut idle = Motion::NONE;
             let affine = [&mut motion.affine, &mut idle.affine];
             let [bad, _] = add_stress::<L>(self.elastic, [&strain, &strain], affine);
-            scatter_batch(&x, &motion, &offset, &node, lanes, self.tile);
+            scatter_batch(&x, &motion, &offset, &node, lanes, &mut between, self.tile);
             if bad & lanes != 0 && crushed.is_none() {
                 crushed = Some(some[(bad & lanes).trailing_zeros() as usize].0.particle.id);
             }

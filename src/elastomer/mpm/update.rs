@@ -7,7 +7,6 @@
 
 use super::grid::{BLOCK, NONE, Nodes, Place, RIM, TILE, TILE_LAYER, Tile};
 use super::lanes::{Kernel, Lanes, Row};
-use super::transfer::reach;
 
 /// A node slower than this, in cells per step, stands still: see the same threshold for strains.
 const STILL: f32 = 1e-15;
@@ -35,41 +34,31 @@ pub struct Update<'a> {
     pub nodes: &'a mut Nodes,
 }
 
-/// Adds to `sum` what neighbour `n`'s tile holds of this block's nodes.
-#[inline(always)]
-fn add_tile<L: Lanes>(sum: &mut Nodes, n: usize, tile: &Tile) {
-    let (x, _) = reach(n, 0);
-    let (y, ny) = reach(n, 1);
-    let (z, nz) = reach(n, 2);
-    for k in 0..nz {
-        for j in 0..ny {
-            // SAFETY: `at` checked that four nodes can be read.
-            let row = unsafe { L::read(tile.at((k + z) * TILE_LAYER + (j + y) * TILE[0] + x)) };
-            // Of a lower neighbour along x only the nodes of the rim are this block's.
-            let row = if x > 0 { row.keep((1 << (4 * RIM)) - 1) } else { row };
-            let to = &mut sum.0[k * BLOCK[1] + j];
-            (L::load(to) + row).store(to);
-        }
-    }
+/// The tiles that reach into a block, in the order in which they are added.
+type Reaching<'a> = [Option<&'a Tile>; 8];
+
+fn reaching<'a>(place: &Place, tiles: &'a [Option<Box<Tile>>]) -> Reaching<'a> {
+    place.lower.map(|slot| if slot == NONE { None } else { tiles[slot as usize].as_deref() })
 }
 
-/// Adds all tiles that reach into a block; false when there are none.
+/// Four nodes along x of a block, summed from all tiles. Only rows in the rims of the tiles below have more than two.
 #[inline(always)]
-fn add_all<L: Lanes>(sum: &mut Nodes, place: &Place, tiles: &[Option<Box<Tile>>]) -> bool {
-    let mut any = false;
-    for n in 0..8 {
-        let slot = place.lower[n];
-        if slot != NONE
-            && let Some(tile) = &tiles[slot as usize]
-        {
-            if !any {
-                sum.0.fill(Row::ZERO);
+fn sum_row<L: Lanes>(tiles: &Reaching, j: usize, k: usize) -> L {
+    let mut sum = L::fill(0.0);
+    for z in 0..if k < RIM { 2 } else { 1 } {
+        for y in 0..if j < RIM { 2 } else { 1 } {
+            let node = (k + z * BLOCK[2]) * TILE_LAYER + (j + y * BLOCK[1]) * TILE[0];
+            if let Some(tile) = tiles[4 * z + 2 * y] {
+                // SAFETY: `at` checked that four nodes can be read.
+                sum = sum + unsafe { L::read(tile.at(node)) };
             }
-            any = true;
-            add_tile::<L>(sum, n, tile);
+            if let Some(tile) = tiles[4 * z + 2 * y + 1] {
+                // SAFETY: as above. Of a lower neighbour along x only the nodes of the rim are this block's.
+                sum = sum + unsafe { L::read(tile.at(node + BLOCK[0])) }.keep((1 << (4 * RIM)) - 1);
+            }
         }
     }
-    any
+    sum
 }
 
 impl Kernel for Update<'_> {
@@ -78,16 +67,23 @@ impl Kernel for Update<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Exchange {
         let mut exchange = Exchange::default();
-        if !add_all::<L>(self.nodes, self.place, self.tiles) {
+        let (own, foreign) = (reaching(self.place, self.tiles), reaching(self.place, self.indenter));
+        if own.iter().all(Option::is_none) {
             return exchange;
         }
-        let mut foreign = Nodes::zero();
-        let meets = add_all::<L>(&mut foreign, self.place, self.indenter);
+        let meets = foreign.iter().any(Option::is_some);
         // Nodes that nothing reached keep velocity zero: their momentum is zero, too.
         let (least, still) = (L::fill(f32::MIN_POSITIVE), L::fill(STILL));
+        let (mut pad, mut theirs) = (Row::ZERO, Row::ZERO);
         for (r, row) in self.nodes.0.iter_mut().enumerate() {
-            let pad = *row;
-            let total = if meets { L::load(&pad) + L::load(&foreign.0[r]) } else { L::load(&pad) };
+            let (j, k) = (r % BLOCK[1], r / BLOCK[1]);
+            let mut total: L = sum_row(&own, j, k);
+            if meets {
+                let added: L = sum_row(&foreign, j, k);
+                total.store(&mut pad);
+                added.store(&mut theirs);
+                total = total + added;
+            }
             let v = total.over(total.fourth_of_group().larger(least));
             v.keep(still.less(v.larger(-v))).store(row);
             if !meets {
@@ -95,13 +91,13 @@ impl Kernel for Update<'_> {
             }
             for i in 0..4 {
                 let at = |row: &Row, d: usize| f64::from(row.0[4 * i + d]);
-                let mass = at(&foreign.0[r], 3);
+                let mass = at(&theirs, 3);
                 if mass == 0.0 || at(&pad, 3) == 0.0 {
                     continue;
                 }
                 let mut given = [0.0; 3];
                 for d in 0..3 {
-                    given[d] = at(&foreign.0[r], d) - mass * at(row, d);
+                    given[d] = at(&theirs, d) - mass * at(row, d);
                     exchange.impulse[d] += given[d];
                 }
                 let x = self.first_node[0] + i as f64;

@@ -60,6 +60,10 @@ impl Number for Avx2 {
         both!(_mm256_fmadd_ps, self, b, c)
     }
     #[inline(always)]
+    fn mul_sub(self, b: Self, c: Self) -> Self {
+        both!(_mm256_fmsub_ps, self, b, c)
+    }
+    #[inline(always)]
     fn over(self, b: Self) -> Self {
         both!(_mm256_div_ps, self, b)
     }
@@ -126,13 +130,16 @@ impl Lanes for Avx2 {
         Self(v, v)
     }
     #[inline(always)]
-    fn sum_groups(a: Self, b: Self, c: Self, d: Self) -> Self {
+    fn moments(a: Self, b: Self, c: Self) -> Self {
         // SAFETY: see [`Avx2`].
         unsafe {
-            let [a, b, c, d] = [a, b, c, d].map(|x| _mm256_add_ps(x.0, x.1));
+            // [a1 | a2] + [a2 | 0] + [a0 | -a0].
+            let sign = _mm256_setr_ps(1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0);
+            let rest = _mm256_add_ps(_mm256_permute2f128_ps::<0x21>(a.0, a.1), a.1);
+            let [b, c] = [b, c].map(|x| _mm256_add_ps(x.0, x.1));
             Self(
-                _mm256_add_ps(_mm256_permute2f128_ps::<0x20>(a, b), _mm256_permute2f128_ps::<0x31>(a, b)),
-                _mm256_add_ps(_mm256_permute2f128_ps::<0x20>(c, d), _mm256_permute2f128_ps::<0x31>(c, d)),
+                _mm256_fmadd_ps(_mm256_permute2f128_ps::<0x00>(a.0, a.0), sign, rest),
+                _mm256_add_ps(_mm256_permute2f128_ps::<0x20>(b, c), _mm256_permute2f128_ps::<0x31>(b, c)),
             )
         }
     }

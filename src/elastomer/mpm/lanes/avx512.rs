@@ -9,6 +9,9 @@ use std::ops::{Add, Mul, Neg, Sub};
 #[derive(Clone, Copy)]
 pub struct Avx512(__m512);
 
+/// -1 in the second group, 1 elsewhere.
+const MINUS_SECOND: Row = Row([1., 1., 1., 1., -1., -1., -1., -1., 1., 1., 1., 1., 1., 1., 1., 1.]);
+
 /// Wraps an intrinsic of AVX-512F.
 macro_rules! op {
     ($e:expr) => {
@@ -60,6 +63,10 @@ impl Number for Avx512 {
         op!(_mm512_fmadd_ps(self.0, b.0, c.0))
     }
     #[inline(always)]
+    fn mul_sub(self, b: Self, c: Self) -> Self {
+        op!(_mm512_fmsub_ps(self.0, b.0, c.0))
+    }
+    #[inline(always)]
     fn over(self, b: Self) -> Self {
         op!(_mm512_div_ps(self.0, b.0))
     }
@@ -109,21 +116,16 @@ impl Lanes for Avx512 {
         op!(_mm512_broadcast_f32x4(_mm_load_ps(row.0.as_ptr().add(G * 4))))
     }
     #[inline(always)]
-    fn sum_groups(a: Self, b: Self, c: Self, d: Self) -> Self {
-        // Pairs first: [a0 a1 b0 b1] + [a2 a3 b2 b3] holds half sums of a and b, likewise c and d.
+    fn moments(a: Self, b: Self, c: Self) -> Self {
         op!({
-            let ab = _mm512_add_ps(
-                _mm512_shuffle_f32x4::<0b01_00_01_00>(a.0, b.0),
-                _mm512_shuffle_f32x4::<0b11_10_11_10>(a.0, b.0),
-            );
-            let cd = _mm512_add_ps(
-                _mm512_shuffle_f32x4::<0b01_00_01_00>(c.0, d.0),
-                _mm512_shuffle_f32x4::<0b11_10_11_10>(c.0, d.0),
-            );
-            _mm512_add_ps(
-                _mm512_shuffle_f32x4::<0b10_00_10_00>(ab, cd),
-                _mm512_shuffle_f32x4::<0b11_01_11_01>(ab, cd),
-            )
+            let b0c0 = _mm512_shuffle_f32x4::<0b01_00_01_00>(b.0, c.0);
+            let b2c2 = _mm512_shuffle_f32x4::<0b10_10_10_10>(b.0, c.0);
+            let first = _mm512_shuffle_f32x4::<0b10_00_10_00>(a.0, b0c0);
+            let second = _mm512_shuffle_f32x4::<0b11_01_00_01>(a.0, b0c0);
+            let third = _mm512_shuffle_f32x4::<0b10_00_11_10>(a.0, b2c2);
+            // first + third = [a0 + a2 | a2 | b0 + b2 | c0 + c2], second = [a1 | a0 | b1 | c1].
+            let sign = _mm512_load_ps(MINUS_SECOND.0.as_ptr());
+            _mm512_fmadd_ps(second, sign, _mm512_add_ps(first, third))
         })
     }
     #[inline(always)]

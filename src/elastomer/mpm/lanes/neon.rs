@@ -64,6 +64,11 @@ impl Number for Neon {
         each!(|a, b, c| vfmaq_f32(c, a, b))
     }
     #[inline(always)]
+    fn mul_sub(self, b: Self, c: Self) -> Self {
+        let a = self;
+        each!(|a, b, c| vfmaq_f32(vnegq_f32(c), a, b))
+    }
+    #[inline(always)]
     fn over(self, b: Self) -> Self {
         let a = self;
         each!(|a, b| vdivq_f32(a, b))
@@ -123,10 +128,11 @@ impl Lanes for Neon {
         Self([unsafe { vld1q_f32(row.0.as_ptr().add(G * 4)) }; 4])
     }
     #[inline(always)]
-    fn sum_groups(a: Self, b: Self, c: Self, d: Self) -> Self {
+    fn moments(a: Self, b: Self, c: Self) -> Self {
         // SAFETY: NEON belongs to the baseline of aarch64.
-        let sum = |x: Self| unsafe { vaddq_f32(vaddq_f32(x.0[0], x.0[2]), vaddq_f32(x.0[1], x.0[3])) };
-        Self([sum(a), sum(b), sum(c), sum(d)])
+        let sum = |x: Self| unsafe { vaddq_f32(vaddq_f32(x.0[0], x.0[2]), x.0[1]) };
+        // SAFETY: as above.
+        Self([sum(a), unsafe { vsubq_f32(a.0[2], a.0[0]) }, sum(b), sum(c)])
     }
     #[inline(always)]
     fn fourth_of_group(self) -> Self {

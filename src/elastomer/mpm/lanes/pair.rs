@@ -53,6 +53,10 @@ impl<T: Number> Number for Pair<T> {
         Self(self.0.mul_add(b.0, c.0), self.1.mul_add(b.1, c.1))
     }
     #[inline(always)]
+    fn mul_sub(self, b: Self, c: Self) -> Self {
+        Self(self.0.mul_sub(b.0, c.0), self.1.mul_sub(b.1, c.1))
+    }
+    #[inline(always)]
     fn over(self, b: Self) -> Self {
         Self(self.0.over(b.0), self.1.over(b.1))
     }

@@ -58,6 +58,10 @@ impl Number for Portable {
         self * b + c
     }
     #[inline(always)]
+    fn mul_sub(self, b: Self, c: Self) -> Self {
+        self * b - c
+    }
+    #[inline(always)]
     fn over(self, b: Self) -> Self {
         self.zip(b, |x, y| x / y)
     }
@@ -107,11 +111,15 @@ impl Lanes for Portable {
         Self(std::array::from_fn(|i| row.0[G * 4 + i % 4]))
     }
     #[inline(always)]
-    fn sum_groups(a: Self, b: Self, c: Self, d: Self) -> Self {
-        let of = [a.0, b.0, c.0, d.0];
+    fn moments(a: Self, b: Self, c: Self) -> Self {
         Self(std::array::from_fn(|i| {
-            let x = &of[i / 4];
-            (x[i % 4] + x[4 + i % 4]) + (x[8 + i % 4] + x[12 + i % 4])
+            let sum = |x: &Self| (x.0[i % 4] + x.0[8 + i % 4]) + x.0[4 + i % 4];
+            match i / 4 {
+                0 => sum(&a),
+                1 => a.0[8 + i % 4] - a.0[i % 4],
+                2 => sum(&b),
+                _ => sum(&c),
+            }
         }))
     }
     #[inline(always)]

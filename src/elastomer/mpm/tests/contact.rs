@@ -125,3 +125,48 @@ fn a_slow_press_tends_to_the_finite_element_profile() {
     // Finite elements: 0.0794 N at the nominal depth.
     assert!(force > 0.0794 && force < 0.6, "{force}");
 }
+
+/// A pad of 605 particles under an indenter that goes up and down for ever: the strain carried forgets the shape while
+/// every number stays finite.
+#[test]
+fn strain_that_drifts_from_the_shape_is_told() {
+    let s = Settings { speed_mm_s: 50.0, ..settings(Mode::Impm, [11, 11, 5]) };
+    let start = Pose::new(0.0, 0.0, 3.9, 0.0);
+    let at = |z_mm: f64| Pose { z_mm, ..start };
+    let ball = Arc::new(Ball { radius_mm: 3.0 });
+    let mut solver = ExplicitSolver::new(&pad([10.0, 10.0, 4.0]), &s, ball, &start).expect("sound settings");
+    solver.advance(&at(-0.5)).expect("a press");
+    let first = solver.capture(21, 21).expect("a press is right");
+    let told = (0..300).find_map(|round| {
+        [-0.25, -0.5].into_iter().for_each(|z| solver.advance(&at(z)).expect("nothing blows up"));
+        solver.capture(21, 21).err().map(|e| (round, e))
+    });
+    match told {
+        Some((round, Error::Drifted { mode: "impm", unexplained, allowed, .. })) => {
+            assert!(round > 10 && unexplained > allowed, "{round} {unexplained}");
+        }
+        other => panic!("expected drift, got {other:?}"),
+    }
+    // What would have been shown: the same depth with less than a third of the force.
+    let force = solver.mean_force(|f| -f.on_pad[2]);
+    assert!(force.is_finite() && force < 0.33 * first.forces.normal_force_n, "{force} {first:?}");
+}
+
+#[test]
+fn a_face_inside_the_indenter_is_told() {
+    let mut solver = pressed(Mode::Mpm, [51, 51, 11], |_| {});
+    solver.advance(&Pose::new(0.0, 0.0, -0.5, 0.0)).expect("a press");
+    let dx = solver.body.scheme.dx_mm;
+    let top = surface::top_displacement(&solver.body)[25 * 51 + 25].z;
+    // The indenter is put where the grid never brought it: its tip this many cells below the face.
+    for (cells, told) in [(-0.5, false), (0.95, false), (1.05, true), (3.0, true)] {
+        solver.pose.z_mm = top - cells * dx;
+        match solver.capture(51, 51) {
+            Ok(_) => assert!(!told, "{cells} cells"),
+            Err(Error::PassedThrough { mode: "mpm", inside_mm, cell_mm, .. }) => {
+                assert!(told && cell_mm == dx && (inside_mm / dx - cells).abs() < 0.01, "{inside_mm}");
+            }
+            Err(other) => panic!("{other}"),
+        }
+    }
+}

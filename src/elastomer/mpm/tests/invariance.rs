@@ -49,8 +49,10 @@ fn free_vibration_gains_no_energy() {
     let mut body = free_block(&scheme, DVec3::ZERO, stretch);
     let energy = |body: &Body| {
         let moduli = scheme.moduli_pa;
-        let elastic: f64 =
-            body.particles().map(|p| energy_density(scheme.law, &p.strain.map(f64::from), moduli)).sum();
+        let elastic: f64 = body
+            .particles()
+            .map(|p| stress::energy_density(scheme.law, &p.strain.map(f64::from), moduli))
+            .sum();
         // Per particle volume, so that Pa and rho v^2 compare.
         elastic + 0.5 * body.speed_squared * scheme.density * scheme.unit_speed_mm_s().powi(2)
     };
