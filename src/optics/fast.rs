@@ -565,6 +565,7 @@ fn same_but_pad_mesh(scene: &Scene, fixed: &Scene) -> bool {
 mod tests {
     use super::*;
     use crate::optics::{LightShape, bench_scene, reference};
+    use std::f32::consts::FRAC_1_PI;
     use std::sync::LazyLock;
 
     const SCENE: &str = include_str!("../../tests/data/optics/tactile-bench-1.json");
@@ -623,6 +624,7 @@ mod tests {
             ("punch", punch, 0.02),
             ("step", |x, _| f32::from(u8::from(x > 0.5)), 0.02),
             ("flat", |_, _| 0.0, 0.005),
+            ("lifted", |_, _| 1.0, 0.005),
         ] {
             let scene = scene(bench_scene::Variant::Ac, height);
             let renderer = Renderer::new(&ONCE, &scene, 0.005).unwrap();
@@ -660,6 +662,27 @@ mod tests {
         // What was kept on disk answers alike.
         let again = Precomputed::decode(&flat(&scene), &once.encode()).unwrap().unwrap();
         assert_eq!(again.tables.echo, once.tables.echo);
+    }
+
+    /// Between nodes the light of a source falls off as it does.
+    #[test]
+    fn below_a_light_an_even_face_has_the_light_of_the_formula() {
+        let mut scene = flat(&scene(bench_scene::Variant::Ac, sphere));
+        (scene.max_events, scene.camera) = (1, scene.camera.with_raster(320, 240));
+        scene.lights[1..].iter_mut().for_each(|l| l.radiance = Vec3::ZERO);
+        let once = Precomputed::new(&scene).unwrap();
+        let film = Renderer::new(&once, &scene, 0.005).unwrap().render();
+        let lamp = Lamp::new(&scene.lights[0]).unwrap();
+        let (mut squares, mean) = (0.0, film.mean().z);
+        for (k, p) in film.pixels.iter().enumerate() {
+            let (x, y) = ((k % 320) as f32 + 0.5, (k / 320) as f32 + 0.5);
+            // (The plane z = 0 as the scene's description says.)
+            let at = Vec3::new(-9.0 + 18.0 * x / 320.0, 6.75 - 13.5 * y / 240.0, 0.0);
+            let truth = lamp.irradiance(at, Vec3::Z) * 0.5 * FRAC_1_PI * scene.lights[0].radiance.z;
+            squares += ((p.z - truth) / mean).powi(2);
+        }
+        let error = (squares / film.pixels.len() as f32).sqrt();
+        assert!(error < 6e-4, "{error}");
     }
 
     #[test]

@@ -30,6 +30,9 @@ const NEAREST: f32 = 0.3;
 /// A cell's light is changed by at most this factor, where next to none was.
 const MOST: f32 = 3.0;
 
+/// So much of the pad beside the picture is taken to be as its border, mm.
+const BEYOND_MM: f32 = 2.0;
+
 /// Cells of the picture along the edge of one that sends towards walls; as many as are worked on at once.
 pub const SENDING: usize = WIDTH;
 /// An echo below this part of the light is none.
@@ -44,6 +47,8 @@ pub struct Cell {
     pub normal: Vec3,
     /// Area of the surface, in pixels of a level one.
     pub area: f32,
+    /// The area of the level under it, in the same: below 0 where it is seen from behind. Set by [`Cell::of`].
+    pub level: f32,
     /// Pixels counted.
     pub count: f32,
 }
@@ -55,12 +60,13 @@ impl Cell {
         let main = if steep { flank } else { ground };
         let (count, area) = (ground.count + flank.count, ground.area + flank.area);
         let position = main.position * (count / main.count.max(1e-6));
-        (Cell { position, normal: main.normal, area, count }, steep)
+        let level = ground.normal.z + flank.normal.z;
+        (Cell { position, normal: main.normal, area, level, count }, steep)
     }
 }
 
 /// Nothing counted.
-pub const EMPTY: Cell = Cell { position: Vec3::ZERO, normal: Vec3::ZERO, area: 0.0, count: 0.0 };
+pub const EMPTY: Cell = Cell { position: Vec3::ZERO, normal: Vec3::ZERO, area: 0.0, level: 0.0, count: 0.0 };
 
 /// The picture's cells.
 pub struct Cells<'a> {
@@ -78,6 +84,8 @@ pub struct Cells<'a> {
     pub albedo: Vec3,
     /// Where the camera is.
     pub eye: Vec3,
+    /// From where to where the pad goes.
+    pub extent: [Vec2; 2],
     /// What walls do, where they do anything.
     pub echo: Option<&'a Echo>,
 }
@@ -98,14 +106,6 @@ pub struct Changes {
     pub echoed: f64,
 }
 
-/// The untouched face under a place.
-pub struct Rest {
-    /// How far the place is above it, mm.
-    pub lift: f32,
-    /// Its normal.
-    pub normal: Vec3,
-}
-
 /// Means over cells, by row with room on both sides so that eight neighbours can be looked at from any column.
 struct Means {
     stride: usize,
@@ -117,8 +117,7 @@ struct Means {
     lights: Vec<[Vec<f32>; 3]>,
     /// The same of the untouched face there.
     grounds: Vec<[Vec<f32>; 3]>,
-    /// The same where the pixels of the cell would see the untouched face; level areas of both, mm^2; normals there.
-    rests: Vec<[Vec<f32>; 3]>,
+    /// Areas of the cell and of the untouched face under it, mm^2, and the normal of that.
     areas: [Vec<f32>; 2],
     rest_normals: [Vec<f32>; 3],
     highest: f32,
@@ -131,7 +130,20 @@ const MARGIN: usize = 44;
 type Steps = [(isize, isize); DISTANCES.len()];
 
 impl Cells<'_> {
-    fn means(&self, untouched: &impl Fn(usize, Vec3) -> Untouched, rest: &impl Fn(Vec3) -> Rest) -> Means {
+    /// What a cell at the border of the picture stands for, in cells: what is beyond is taken to be as it is.
+    fn beyond(&self, at: [usize; 2], p: Vec3) -> f32 {
+        let [low, high] = self.extent;
+        // In the picture y runs downwards.
+        let sides = [[p.x - low.x, high.x - p.x], [high.y - p.y, p.y - low.y]];
+        (0..2).fold(1.0, |cells, axis| {
+            let beyond = |side: f32| (side / self.edge_mm - 0.5).clamp(0.0, BEYOND_MM / self.edge_mm);
+            let first = if at[axis] == 0 { beyond(sides[axis][0]) } else { 0.0 };
+            let last = if at[axis] + 1 == self.size[axis] { beyond(sides[axis][1]) } else { 0.0 };
+            cells * (1.0 + first + last)
+        })
+    }
+
+    fn means(&self, untouched: &impl Fn(usize, Vec3) -> Untouched, rest: &impl Fn(Vec3) -> Vec3) -> Means {
         let [nx, ny] = self.size;
         let stride = nx.next_multiple_of(WIDTH) + 2 * MARGIN;
         let row = |value: f32| vec![value; stride * ny];
@@ -142,7 +154,6 @@ impl Cells<'_> {
             normals: [row(0.0), row(0.0), row(1.0)],
             lights: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
             grounds: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
-            rests: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
             areas: [row(0.0), row(0.0)],
             rest_normals: [row(0.0), row(0.0), row(1.0)],
             highest: f32::NEG_INFINITY,
@@ -163,33 +174,24 @@ impl Cells<'_> {
             if self.echo.is_none() {
                 continue;
             }
-            // The face as it was, seen along the same rays.
-            let Rest { lift, normal } = rest(p);
-            let height = self.eye.z - p.z;
-            let before = self.eye + (p - self.eye) * ((height + lift) / height);
+            let normal = rest(p);
             let part = cell.count / (cell.count.max(self.most_count));
-            let area = |z: f32| part * (self.edge_mm * (self.eye.z - z) / self.eye.z).powi(2);
-            means.areas[0][at] = area(p.z) * cell.area / cell.count;
-            means.areas[1][at] = area(before.z) / normal.z;
+            let part = part * self.beyond([k % nx, k / nx], p);
+            let pixel = part * (self.edge_mm * (self.eye.z - p.z) / self.eye.z).powi(2) / cell.count;
+            means.areas[0][at] = pixel * cell.area;
+            means.areas[1][at] = pixel * cell.level / normal.z;
             let [x, y, z] = &mut means.rest_normals;
             (x[at], y[at], z[at]) = normal.into();
-            for (film, out) in means.rests.iter_mut().enumerate() {
-                let moved = lift.abs() > 0.02;
-                let ground = if moved { untouched(film, before).ground } else { Vec3::ZERO };
-                for c in 0..3 {
-                    out[c][at] = if moved { ground[c] } else { means.grounds[film][c][at] };
-                }
-            }
         }
         means
     }
 
-    /// What a press changes. `untouched` gives the light of the untouched sensor in a picture at a place, `rest` its face.
+    /// What a press changes. `untouched` gives the light of the untouched sensor in a picture at a place, `rest` the normal of its face.
     /// What a cell sees is found once for all pictures.
     pub fn changes(
         &self,
         untouched: impl Fn(usize, Vec3) -> Untouched + Sync,
-        rest: impl Fn(Vec3) -> Rest + Sync,
+        rest: impl Fn(Vec3) -> Vec3 + Sync,
     ) -> Changes {
         let ([nx, _], films) = (self.size, self.lights.len());
         let means = self.means(&untouched, &rest);
@@ -341,6 +343,9 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         let [x, y] = [0, 1].map(|c| Means::eight(&means.places[c], at));
         let nearest = Eight::all(NEAREST * self.cells.edge_mm);
         let [nx, ny, nz] = [0, 1, 2].map(|c| Means::eight(&means.normals[c], at));
+        // Slopes of the cell's own plane along x and y.
+        let flat = Eight::all(1e-3).below(nz);
+        let [plane_x, plane_y] = [nx, ny].map(|n| flat.choose((-n).over(nz), zero));
         let reflected = self.cells.albedo * FRAC_1_PI;
         for (direction, steps) in self.steps.iter().enumerate() {
             let ahead = ahead(direction);
@@ -361,7 +366,10 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                 // (The picture moves what is high: places tell how far away it is.)
                 let (dx, dy) = (Means::eight(&means.places[0], k) - x, Means::eight(&means.places[1], k) - y);
                 let away = (dx * dx + dy * dy).sqrt().max(nearest);
-                let rise = (Means::eight(&means.heights, k) - z).over(away);
+                // What is looked at lies a little aside of the direction: there the cell's own plane has another slope.
+                let plane =
+                    plane_x * (Eight::all(ahead.x) * away - dx) + plane_y * (Eight::all(ahead.y) * away - dy);
+                let rise = (Means::eight(&means.heights, k) - z + plane).over(away);
                 let risen = (before + even).below(rise);
                 if !risen.any() {
                     shown = None;
@@ -413,7 +421,8 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         }
         let [area, rest_area] = [0, 1].map(|k| Means::eight(&means.areas[k], at));
         for film in 0..films {
-            let (now, before) = (Means::light(&means.lights[film], at), Means::light(&means.rests[film], at));
+            let (now, before) =
+                (Means::light(&means.lights[film], at), Means::light(&means.grounds[film], at));
             let more = (now.scaled(area) - before.scaled(rest_area)).sums() * self.cells.albedo;
             let to = &mut self.sent[(i / SENDING * films + film) * echo::DIRECTIONS..][..echo::DIRECTIONS];
             for (k, to) in to.iter_mut().enumerate() {
@@ -462,7 +471,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                 (now.x.0[k], now.y.0[k], now.z.0[k]) =
                     (now.x.0[k] * gain.x, now.y.0[k] * gain.y, now.z.0[k] * gain.z);
             }
-            let before = Means::light(&means.rests[film], at);
+            let before = Means::light(&means.grounds[film], at);
             let to = &mut self.sent[(i / SENDING * films + film) * echo::DIRECTIONS..][..echo::DIRECTIONS];
             for (to, [part, rest]) in to.iter_mut().zip(&parts) {
                 *to += (now.scaled(*part) - before.scaled(*rest)).sums() * self.cells.albedo;
@@ -510,11 +519,22 @@ mod tests {
 
     #[test]
     fn a_narrow_flank_stands_for_a_cell_of_which_it_is_the_larger_part() {
-        let flat = Cell { position: Vec3::new(3.0, 0.0, 0.0), normal: Vec3::Z * 3.0, area: 3.0, count: 3.0 };
-        let flank =
-            Cell { position: Vec3::new(1.0, 0.0, 0.5), normal: Vec3::X * 18.0, area: 18.0, count: 1.0 };
+        let flat = Cell {
+            position: Vec3::new(3.0, 0.0, 0.0),
+            normal: Vec3::Z * 3.0,
+            area: 3.0,
+            level: 3.0,
+            count: 3.0,
+        };
+        let flank = Cell {
+            position: Vec3::new(1.0, 0.0, 0.5),
+            normal: Vec3::X * 18.0,
+            area: 18.0,
+            level: 0.0,
+            count: 1.0,
+        };
         let (cell, steep) = Cell::of(&flat, &flank);
-        assert!(steep && cell.area == 21.0 && cell.normal.normalize() == Vec3::X);
+        assert!(steep && cell.area == 21.0 && cell.level == 3.0 && cell.normal.normalize() == Vec3::X);
         // Four pixels are counted, and lie where the flank does.
         assert_eq!(cell.position / cell.count, Vec3::new(1.0, 0.0, 0.5));
         let (cell, steep) = Cell::of(&flat, &EMPTY);
@@ -535,6 +555,7 @@ mod tests {
                 ),
                 normal: Vec3::Z,
                 area: 1.0,
+                level: 1.0,
                 count: 1.0,
             })
             .collect();
@@ -550,10 +571,11 @@ mod tests {
             most_count: 1.0,
             albedo: Vec3::ONE,
             eye: Vec3::new(0.0, 0.0, 20.0),
+            extent: [Vec2::splat(-10.125), Vec2::splat(10.125)],
             echo: None,
         };
         let dark = |_, _| Untouched { sky: [0.0; skyline::NUMBERS], ground: Vec3::ZERO };
-        let rest = |_| Rest { lift: 0.0, normal: Vec3::Z };
+        let rest = |_| Vec3::Z;
         let gains = all.changes(dark, rest).gains;
         // An endless wall of height h at distance d fills (1 - cos(atan(h/d)))/2 of the floor's view.
         for i in [12, 20, 36, 38] {
@@ -571,5 +593,60 @@ mod tests {
         for (a, b) in gains[0].iter().zip(&gains[1]) {
             assert!((*a - *b).abs().max_element() < 1e-5, "{a} {b}");
         }
+    }
+
+    /// A face that is even, however it leans, sees nothing of itself.
+    #[test]
+    fn a_leaning_plane_sees_nothing_of_itself() {
+        let (nx, ny, edge) = (41, 33, 0.25);
+        let up = Vec3::new(-0.9, 0.4, 1.0);
+        let cells: Vec<Cell> = (0..nx * ny)
+            .map(|k| {
+                let (x, y) = ((k % nx) as f32 * edge, (k / nx) as f32 * -edge);
+                let position = Vec3::new(x, y, 0.9 * x - 0.4 * y);
+                Cell { position, normal: up, area: up.length(), level: 1.0, count: 1.0 }
+            })
+            .collect();
+        let lights = [vec![Vec3::ONE; nx * ny]];
+        let all = Cells {
+            size: [nx, ny],
+            edge_mm: edge,
+            cells: &cells,
+            lights: &lights,
+            most_count: 1.0,
+            albedo: Vec3::ONE,
+            eye: Vec3::new(0.0, 0.0, 20.0),
+            extent: [Vec2::ZERO, Vec2::ONE],
+            echo: None,
+        };
+        let dark = |_, _| Untouched { sky: [0.0; skyline::NUMBERS], ground: Vec3::ZERO };
+        for gain in &all.changes(dark, |_| Vec3::Z).gains[0] {
+            assert!((*gain - Vec3::ONE).abs().max_element() < 1e-3, "{gain}");
+        }
+    }
+
+    /// What the border stands for and what is in the picture make up the pad.
+    #[test]
+    fn the_border_stands_for_what_is_beyond_it() {
+        let (size, edge) = ([20, 10], 0.25);
+        let extent = [Vec2::new(-3.0, -2.0), Vec2::new(3.5, 1.5)];
+        let (cells, lights) = (Vec::new(), Vec::new());
+        let all = Cells {
+            size,
+            edge_mm: edge,
+            cells: &cells,
+            lights: &lights,
+            most_count: 1.0,
+            albedo: Vec3::ONE,
+            eye: Vec3::Z,
+            extent,
+            echo: None,
+        };
+        let mut sum = 0.0;
+        for (i, j) in (0..size[0]).flat_map(|i| (0..size[1]).map(move |j| (i, j))) {
+            let p = Vec3::new((i as f32 + 0.5) * edge - 2.5, 1.25 - (j as f32 + 0.5) * edge, 0.0);
+            sum += all.beyond([i, j], p) * edge * edge;
+        }
+        assert!((sum - 6.5 * 3.5).abs() < 1e-3, "{sum}");
     }
 }

@@ -216,7 +216,7 @@ impl Desk<'_> {
             let u = Eight(std::array::from_fn(|k| at(x + corner[k] % 2, x0, x1)));
             let v = Eight(std::array::from_fn(|k| at(y + corner[k] / 2, y0, y1)));
             self.sums.fill(Vectors::all(Vec3::ZERO));
-            self.block.light([u, v], points, normals, &once.radiances, &mut self.sums);
+            self.block.light([u, v], points, normals, &once.radiances, true, &mut self.sums);
             for (lane, piece) in batch.iter().enumerate() {
                 let pick = |v: &Vectors| Vec3::new(v.x.0[lane], v.y.0[lane], v.z.0[lane]);
                 let weight = piece.part * self.area(pick(&points), pick(&normals));
@@ -284,7 +284,7 @@ impl Desk<'_> {
             let u = Eight(std::array::from_fn(|k| at(x + k % 2, x0, x1)));
             let v = Eight(std::array::from_fn(|k| at(y + k / 2 % 2, y0, y1)));
             self.sums.fill(Vectors::all(Vec3::ZERO));
-            self.block.light([u, v], points, normals, &once.radiances, &mut self.sums);
+            self.block.light([u, v], points, normals, &once.radiances, true, &mut self.sums);
         }
         for (film, fixed) in fixed.iter().enumerate() {
             let mut light = Vec3::ZERO;

@@ -113,7 +113,11 @@ impl Work for Row<'_> {
                 }
             }
         }
-        let block = Block::new(&frame.slots, &frame.once.sources, frame.effort.thorough);
+        let sources = &frame.once.sources;
+        let weight = |l: usize| frame.strength(l) / (frame.effort.field * frame.level).max(1e-30);
+        let closed = |l: usize| frame.once.tables.direct[l].is_none();
+        let weights = (0..sources.len()).map(weight).collect();
+        let block = Block::new(&frame.slots, sources, closed, weights, frame.effort.thorough);
         let sums = vec![Vectors::all(Vec3::ZERO); films];
         let (arena, waiting) = (Vec::new(), Vec::new());
         let mut desk = Desk {
@@ -306,7 +310,9 @@ impl Desk<'_> {
     #[inline(always)]
     fn shade(&mut self, rectangle: Rectangle, four: [&[f32]; 4]) {
         let [x0, y0, x1, y1] = rectangle;
-        self.block.prepare(four);
+        let middle = self.point((x0 + x1) / 2, (y0 + y1) / 2).z;
+        let mean = 0.25 * four.iter().map(|n| n[POSITION + 2]).sum::<f32>();
+        self.block.prepare(four, if middle == NOWHERE { 0.0 } else { (middle - mean).abs() });
         let scale = [1.0 / (x1 - x0) as f32, 1.0 / (y1 - y0) as f32];
         let limit = Eight::all(STEEPEST * self.frame.once.pixel_mm);
         let crease = Eight::all(CREASE * self.frame.once.pixel_mm);
@@ -354,7 +360,7 @@ impl Desk<'_> {
                 z: away.choose(-normal.z, normal.z),
             };
             self.sums.fill(Vectors::all(Vec3::ZERO));
-            self.block.light([u, v], point, normal, &self.frame.once.radiances, &mut self.sums);
+            self.block.light([u, v], point, normal, &self.frame.once.radiances, false, &mut self.sums);
             self.put(lanes);
             self.count(lanes, point, normal, steep);
             if uneven.any() {

@@ -31,10 +31,10 @@ const RAYS: usize = 4;
 /// Rays of a patch, by which it is known what else it lights.
 const PATCH_RAYS: u32 = 64;
 /// Edge of a group of patches: at least this, and at least this part of the world.
-const GROUP_MM: f32 = 2.5;
-const GROUP_PART: f32 = 0.1;
+const GROUP_MM: f32 = 1.25;
+const GROUP_PART: f32 = 0.05;
 /// Grid on which what returns is known.
-const STEP_MM: f32 = 3.5;
+const STEP_MM: f32 = 1.75;
 const LIFT_MM: [f32; 2] = [0.0, 2.0];
 /// In place of a group.
 const NOWHERE: u16 = u16::MAX;

@@ -8,7 +8,7 @@ impl Effort {
     /// What it takes (found by experiment on the scenes of the tests).
     pub(super) fn for_tolerance(tolerance: f64) -> Self {
         // Few pixels have a shadow's edge: there an error may be larger.
-        let shadow = 8.0 * tolerance as f32;
+        let (shadow, field) = (8.0 * tolerance as f32, 0.2 * tolerance as f32);
         if tolerance >= 0.009 {
             Self {
                 cell: 2.0,
@@ -16,13 +16,14 @@ impl Effort {
                 shadow_mm: 0.13,
                 curved_mm: 0.04,
                 shadow,
+                field,
                 fine: false,
                 ..Self::FINEST
             }
         } else if tolerance >= 0.004 {
-            Self { block_mm: 0.26, curved_mm: 0.02, shadow, ..Self::FINEST }
+            Self { block_mm: 0.26, curved_mm: 0.02, shadow, field, ..Self::FINEST }
         } else {
-            Self { shadow, ..Self::FINEST }
+            Self { shadow, field, ..Self::FINEST }
         }
     }
 
@@ -31,6 +32,7 @@ impl Effort {
         block_mm: 0.13,
         shadow_mm: 0.07,
         shadow: 0.0,
+        field: 0.0,
         curved_mm: 0.01,
         fine: true,
         bounce: true,

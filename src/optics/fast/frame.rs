@@ -5,7 +5,7 @@
 //! pad's rim, a fold, a wall in front) the pixel is the mean of what its corners see.
 
 use super::Precomputed;
-use super::bounce::{self, Cell, Cells, Rest, Untouched};
+use super::bounce::{self, Cell, Cells, Untouched};
 use super::desk::Row;
 use super::horizon::Heights;
 use super::lanes::{Vectors, WIDTH, Work, with_widest};
@@ -43,6 +43,8 @@ pub struct Effort {
     /// A block is divided when the light at its middle departs by more from what its corners' horizons give there, as part
     /// of the mean irradiance of the picture.
     pub shadow: f32,
+    /// The field of a light is worked out at each pixel of a block where else it would be wrong by more, as part of the same.
+    pub field: f32,
     /// A block is divided when its middle departs from its corners' mean by more, mm.
     pub curved_mm: f32,
     /// Whether bent horizons are followed finely.
@@ -166,8 +168,18 @@ impl Frame<'_> {
             // (Of large cells a part of the rows counts.)
             let most_count = (cell_px * cell_px) as f32 * if cell_px >= 4 { 0.25 } else { 1.0 };
             let (eye, echo) = (camera.origin, self.once.tables.echo.as_ref());
-            let cells =
-                Cells { size, edge_mm, cells: &cells, lights: &lights, most_count, albedo, eye, echo };
+            let extent = self.heights.extent();
+            let cells = Cells {
+                size,
+                edge_mm,
+                cells: &cells,
+                lights: &lights,
+                most_count,
+                albedo,
+                eye,
+                extent,
+                echo,
+            };
             let skylines = match lights.len() {
                 1 => std::slice::from_ref(&self.once.skyline),
                 _ => &self.once.tables.skylines[..],
@@ -178,9 +190,7 @@ impl Frame<'_> {
                 // (Under the table it holds what it has at the untouched face.)
                 ground: Vec3::from(grounds[film].at(p.with_z(f32::MIN))),
             };
-            let rest =
-                |p: Vec3| Rest { lift: self.once.total.lift(p), normal: self.once.total.rest_normal(p) };
-            let changes = cells.changes(untouched, rest);
+            let changes = cells.changes(untouched, |p| self.once.total.rest_normal(p));
             let lifts: Vec<f32> = cells.cells.iter().map(|c| c.position.z / c.count.max(1e-6)).collect();
             echoed = changes.echoed;
             for (k, (film, gains)) in all.iter_mut().zip(&changes.gains).enumerate() {

@@ -44,6 +44,12 @@ impl Heights {
         Self { low, cell, per_mm: 1.0 / cell, size, z, coarse, around, highest: high.z }
     }
 
+    /// From where to where it goes.
+    pub fn extent(&self) -> [Vec2; 2] {
+        let [nx, ny] = self.size;
+        [self.low, self.low + Vec2::new(nx as f32, ny as f32) * self.cell]
+    }
+
     /// Height of the pad at a place, or of the nearest part of it.
     pub fn at(&self, p: Vec2) -> f32 {
         let q = (p - self.low) / self.cell;
@@ -86,6 +92,7 @@ impl Heights {
         let start = (point.truncate() - self.low) * self.per_mm;
         let along = ahead * self.per_mm;
         let bias = 1e-3 * self.cell;
+        let mut top = None;
         while t < distance && slope < high {
             let line = point.z + slope * t;
             if line >= self.highest {
@@ -106,13 +113,28 @@ impl Heights {
                 let z = self.height(q) - bias;
                 if z > line {
                     slope = (z - point.z) / t;
+                    top = Some(t);
                 }
                 t += self.cell;
+            }
+        }
+        // Between two looks at it the pad may be higher: an edge would seem farther away than it is.
+        if let Some(mut t) = top.filter(|t| *t > OWN * self.cell) {
+            for step in [0.5, 0.25] {
+                let by = step * self.cell;
+                let slope_at = |t: f32| (self.height(start + along * t) - bias - point.z) / t;
+                let (nearer, farther) = (slope_at(t - by), slope_at(t + by));
+                if nearer.max(farther) > slope {
+                    (slope, t) = if nearer > farther { (nearer, t - by) } else { (farther, t + by) };
+                }
             }
         }
         slope
     }
 }
+
+/// So near, in cells, the pad is part of the face that the receiver lies on.
+const OWN: f32 = 12.0;
 
 /// How far a line of sight may go within a reach, in fine cells: from the edge of its own cell, and not so far that heights
 /// beyond are interpolated.
@@ -220,5 +242,29 @@ mod tests {
             assert!((horizon(5.0, -1.0) - 1.0 / 2.8).abs() < 0.04, "{cell} {}", horizon(5.0, -1.0));
             assert_eq!(heights.at(Vec2::new(5.0, 3.0)), 0.0);
         }
+    }
+
+    /// However looks at it fall, the rim of a plateau is seen from afar where it is.
+    #[test]
+    fn a_rim_is_where_it_is() {
+        let n = 301;
+        let at = |k: usize| {
+            let (x, y) = ((k % n) as f32 * 0.05 - 7.5, (k / n) as f32 * 0.05 - 7.5);
+            Vec3::new(x, y, 1.0 - 5.0 * (x.abs() - 2.0).clamp(0.0, 0.2))
+        };
+        let positions: Vec<Vec3> = (0..n * n).map(at).collect();
+        // (Cells lie otherwise on the points each time.)
+        let mut sum = 0.0;
+        for cell in [0.052, 0.053, 0.054, 0.055, 0.056, 0.057, 0.058, 0.059] {
+            let heights = Heights::new(&positions, [n, n], cell);
+            for k in 0..50 {
+                let x = -6.0 + 0.013 * k as f32;
+                let found = heights.horizon(Vec3::new(x, 0.1, 0.0), Vec2::X, 12.0, 0.01, 2.0);
+                let farther = 1.0 / found - (-2.0 - x);
+                assert!(farther.abs() < 0.06, "{x}: {farther}");
+                sum += farther / 400.0;
+            }
+        }
+        assert!(sum.abs() < 0.015, "{sum}");
     }
 }

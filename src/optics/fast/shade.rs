@@ -1,13 +1,14 @@
 //! From a block's four nodes to the light on eight pixels.
 //!
 //! Fields and horizons are interpolated between the nodes of a block, bilinearly in the raster; the normal of each pixel
-//! comes in at the end. What is hidden of a light is taken off as the irradiance of the ribbon below the cut.
+//! comes in at the end. Near a light, and where a block is bent, its field is worked out at each pixel. What is hidden of a
+//! light is taken off as the irradiance of the ribbon below the cut.
 
 use super::lanes::{Eight, Vectors};
 use super::probes;
-use super::slots::Slots;
+use super::slots::{POSITION, Slots};
 use super::source::{COARSE, KEPT, LINES, Line, Source};
-use super::vector::edges;
+use super::vector::{edges, quadrilateral};
 use glam::Vec3;
 
 /// Coefficients of 1, u, v and u v.
@@ -23,6 +24,12 @@ pub struct Block<'a> {
     step: Vec<usize>,
     thorough: bool,
     fixed: Vec<Option<[Line; LINES]>>,
+    /// By light: its corners, where it has a closed form.
+    closed: Vec<Option<[Vec3; 4]>>,
+    /// By light: whether its field is not to be interpolated.
+    exact: Vec<bool>,
+    /// By light: what its irradiance counts for, as part of what may be wrong.
+    weights: Vec<f32>,
 }
 
 #[inline(always)]
@@ -36,8 +43,16 @@ fn vectors_at(c: &[Bilinear], u: Eight, v: Eight) -> Vectors {
 }
 
 impl<'a> Block<'a> {
-    /// Room for the blocks of a picture.
-    pub fn new(slots: &'a Slots, sources: &'a [Source], thorough: bool) -> Self {
+    /// Room for the blocks of a picture. `closed` tells lights whose field has a closed form, `weights` what the irradiance
+    /// of each counts for, as part of what may be wrong.
+    pub fn new(
+        slots: &'a Slots,
+        sources: &'a [Source],
+        closed: impl Fn(usize) -> bool,
+        weights: Vec<f32>,
+        thorough: bool,
+    ) -> Self {
+        let corners = |(l, s): (usize, &Source)| s.corners().filter(|_| closed(l));
         let fixed = sources
             .iter()
             .map(|s| s.is_fixed().then(|| std::array::from_fn(|k| s.line(k, LINES - 1, Vec3::ZERO))));
@@ -49,12 +64,16 @@ impl<'a> Block<'a> {
             step: vec![1; sources.len()],
             thorough,
             fixed: fixed.map(|lines| lines.filter(|_| !slots.bent())).collect(),
+            closed: sources.iter().enumerate().map(corners).collect(),
+            exact: vec![false; sources.len()],
+            weights,
         }
     }
 
-    /// Takes the nodes at the upper left, upper right, lower left and lower right corner.
+    /// Takes the nodes at the upper left, upper right, lower left and lower right corner. `bent` is how far the middle
+    /// departs from their mean, mm.
     #[inline(always)]
-    pub fn prepare(&mut self, [a, b, c, d]: [&[f32]; 4]) {
+    pub fn prepare(&mut self, [a, b, c, d]: [&[f32]; 4], bent: f32) {
         for (k, out) in self.coefficients.iter_mut().enumerate() {
             *out = [a[k], b[k] - a[k], c[k] - a[k], d[k] - c[k] - b[k] + a[k]];
         }
@@ -70,9 +89,24 @@ impl<'a> Block<'a> {
                 _ => 1,
             };
         }
+        let [p, q, r] = [a, d, b].map(|n| Vec3::from_slice(&n[POSITION..]));
+        let (middle, size2) = ((p + q) * 0.5, (q - p).length_squared().max((r - p).length_squared()));
+        for (l, exact) in self.exact.iter_mut().enumerate() {
+            let faced = [a, b, c, d].iter().all(|n| n[self.slots.gain(l)] == 1.0);
+            let Some(corners) = self.closed[l].filter(|_| faced) else {
+                *exact = false;
+                continue;
+            };
+            // A field that falls off over the distance d errs by parts of its own of about (size/d)^2/8, twice.
+            let direct = self.slots.direct(l);
+            let field = Vec3::from_slice(&a[direct..]).abs().max_element() * self.weights[l];
+            let away2 = distance_squared(&corners, middle).max(1e-6);
+            *exact = field * (0.125 * size2 + bent * away2.sqrt()) > away2;
+        }
     }
 
-    /// Adds the irradiance on eight points at (u, v) of the block with unit normals, one picture after the other.
+    /// Adds the irradiance on eight points at (u, v) of the block with unit normals, one picture after the other. If `exact`,
+    /// no light's field is interpolated that has a closed form.
     #[inline(always)]
     pub fn light(
         &self,
@@ -80,11 +114,15 @@ impl<'a> Block<'a> {
         points: Vectors,
         normals: Vectors,
         radiances: &[Vec3],
+        exact: bool,
         sums: &mut [Vectors],
     ) {
         let many = self.slots.films > 1;
         for l in 0..self.sources.len() {
-            let phi = vectors_at(&self.coefficients[self.slots.direct(l)..], u, v);
+            let phi = match &self.closed[l] {
+                Some(corners) if exact || self.exact[l] => quadrilateral(corners, points),
+                _ => vectors_at(&self.coefficients[self.slots.direct(l)..], u, v),
+            };
             let mut e = phi.dot(normals);
             if self.hidden[l] || self.dips(l, [u, v], points, normals) {
                 e = e - self.taken(l, [u, v], points, normals);
@@ -172,6 +210,14 @@ impl<'a> Block<'a> {
     }
 }
 
+/// Square of the distance to a rectangle.
+#[inline(always)]
+fn distance_squared([a, b, _, d]: &[Vec3; 4], p: Vec3) -> f32 {
+    let (u, v, from) = (*b - *a, *d - *a, p - *a);
+    let along = |e: Vec3| e * (from.dot(e) / e.length_squared().max(1e-12)).clamp(0.0, 1.0);
+    (from - along(u) - along(v)).length_squared()
+}
+
 /// How much of a line lies below, for the heights of its ends.
 #[inline(always)]
 fn part_below(low: Eight, high: Eight) -> Eight {
@@ -180,4 +226,21 @@ fn part_below(low: Eight, high: Eight) -> Eight {
     // A high end that is below, too: all of it. (A line that only dips at its high end keeps all.)
     let part = high.below(Eight::all(1e-12)).choose(Eight::all(1.0), part);
     low.below(zero).choose(part, zero)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_distance_to_a_rectangle_is_that_of_its_nearest_point() {
+        let corners = [Vec3::ZERO, Vec3::X * 2.0, Vec3::new(2.0, 0.0, 1.0), Vec3::Z];
+        for (p, truth) in [
+            (Vec3::new(1.0, 3.0, 0.5), 9.0),
+            (Vec3::new(1.0, 0.0, 2.0), 1.0),
+            (Vec3::new(4.0, 1.0, -2.0), 9.0),
+        ] {
+            assert!((distance_squared(&corners, p) - truth).abs() < 1e-5, "{p}");
+        }
+    }
 }
