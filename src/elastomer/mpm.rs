@@ -315,10 +315,13 @@ impl Elastomer for ExplicitSolver {
             });
         }
         let steps = steps as u64;
-        for n in 1..=steps {
-            self.interrupt.check()?;
-            self.step_to(&from.lerp(pose, n as f64 / steps as f64))?;
-        }
+        // On a thread of the pool: from any other, every parallel loop would wait for one to wake.
+        rayon::scope(|_| {
+            (1..=steps).try_for_each(|n| {
+                self.interrupt.check()?;
+                self.step_to(&from.lerp(pose, n as f64 / steps as f64))
+            })
+        })?;
         self.pose = *pose;
         Ok(())
     }
