@@ -19,6 +19,8 @@ const GOOD_ENOUGH: f64 = 1.5;
 const WORTHWHILE: f64 = 4.0 / 3.0;
 /// The same for whoever has gone on from the first press: the way is longer, and friction lets the statement waver.
 const WORTHWHILE_LATER: f64 = 8.0 / 3.0;
+/// Cells over finer ones that are worth a guess of their own.
+const WORTH_A_GUESS: f64 = 1.6;
 /// A stated error with which an answer is none.
 pub const UNRESOLVED: f64 = 0.2;
 /// A stated error with which a press is fit to be dragged: dragging adds to it.
@@ -60,6 +62,26 @@ impl QuasiStaticSolver {
         Ok(())
     }
 
+    /// Begins a press under a body with edges, over the cells for it, if this is one; whether that was done.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub(super) fn press_finer(&mut self, pose: &Pose) -> Result<bool, Error> {
+        let touches = !self.finest().is_clear(self.indenter.as_ref(), pose);
+        let Some(finer) = self.pressing.filter(|_| touches && self.finest().at_rest()) else {
+            return Ok(false);
+        };
+        match self.again_finer(finer, pose) {
+            Ok(()) => {
+                self.dispensable = true;
+                Ok(true)
+            }
+            Err(stopped @ Error::Interrupted) => Err(stopped),
+            // The usual cells may still do.
+            Err(_) => Ok(false),
+        }
+    }
+
     /// Error that the present answer states, relative to depth.
     pub(super) fn stated_error(&self) -> f64 {
         self.finest().estimated_error(self.indenter.as_ref()).unwrap_or(0.0)
@@ -99,12 +121,16 @@ impl QuasiStaticSolver {
         }
     }
 
-    /// Follows the way since rest and on to `pose` with one level more. When that fails, all is as it was.
+    /// Follows the way since rest and on to `pose` with a finer level. When that fails, all is as it was.
     fn again_finer(&mut self, finer: Resolution, pose: &Pose) -> Result<(), Error> {
         let rest = self.path[0];
         let mut levels: Vec<Step> = self.levels.iter().map(Step::fork).collect();
         rest_at(&mut levels, &rest);
         let unrefined = levels.iter().map(Step::fork).collect();
+        let nearly_as_fine = |step: &Step| step.level.grid().hx < WORTH_A_GUESS * finer.cell_mm;
+        if levels.len() > 1 && levels.last().is_some_and(nearly_as_fine) {
+            levels.pop();
+        }
         if let Some(last) = levels.last_mut() {
             last.level.only_guess();
         }

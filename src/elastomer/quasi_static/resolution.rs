@@ -62,16 +62,19 @@ impl Resolution {
         }
     }
 
-    /// The same accuracy under this body: with finer cells where it has edges that they would not follow, and with
-    /// increments that are short for its size.
+    /// The same accuracy under this body: with increments that are short for its size.
     pub fn for_body(self, body: &dyn Indenter, size: [f64; 3]) -> Self {
         let [hx, hy] = body.half_extent_mm();
         let short = (INCREMENT_OVER_RADIUS * hx.min(hy)).max(SHORTEST_MM);
-        if self.sees_edges(body, size) {
-            Self { cell_mm: EDGED * self.cell_mm, increment_mm: EDGED_INCREMENT_MM.min(short), ..self }
-        } else {
-            Self { increment_mm: LONGEST_INCREMENT_MM.min(short), ..self }
-        }
+        let longest = if self.sees_edges(body, size) { EDGED_INCREMENT_MM } else { LONGEST_INCREMENT_MM };
+        Self { increment_mm: longest.min(short), ..self }
+    }
+
+    /// With what a body is pressed that has edges which these cells would not follow.
+    pub fn for_edges(&self, body: &dyn Indenter, size: [f64; 3]) -> Option<Self> {
+        let finer = Self { cell_mm: EDGED * self.cell_mm, ..*self };
+        let has_more_cells = Grid::blocks(size[0], finer.cell_mm) > Grid::blocks(size[0], self.cell_mm);
+        (has_more_cells && self.sees_edges(body, size)).then_some(finer)
     }
 
     /// Whether the underside of a body, as much as the pad can touch, bends sharply or ends between three neighbours
