@@ -33,6 +33,7 @@ pub mod body;
 pub mod cloud;
 pub mod grid;
 pub mod lanes;
+pub mod limits;
 pub mod particles;
 pub mod scheme;
 pub mod shape;
