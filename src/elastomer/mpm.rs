@@ -33,6 +33,7 @@ pub mod body;
 pub mod cloud;
 pub mod grid;
 pub mod lanes;
+pub mod limits;
 pub mod particles;
 pub mod scheme;
 pub mod shape;
@@ -250,7 +251,7 @@ impl ExplicitSolver {
         // A released pad is compared with the press that it comes from: what is left of it is mostly noise.
         self.most_deformed = self.most_deformed.max(drift.shape).max(shape::least(&self.body));
         let unexplained = drift.unexplained(self.most_deformed);
-        if !(unexplained <= MOST_UNEXPLAINED) {
+        if unexplained > MOST_UNEXPLAINED || unexplained.is_nan() {
             return Err(Error::Drifted {
                 mode: self.mode_name(),
                 step: self.step,

@@ -1,7 +1,7 @@
 //! The benchmark of the elastomer: throughput, time to solution, error against run time, what skipping saves.
 //!
-//! Stages, each a file: [`throughput`] (particle-steps per second of the explicit modes by size and threads, and their
-//! memory), [`solution`] (time to solution of the quasi-static mode by tolerance), [`curves`] (error against run time of
+//! Stages, each a file: [`throughput`] (particle-steps per second of the explicit modes by size and threads, their
+//! memory, and the machine's own limits), [`solution`] (time to solution of the quasi-static mode by tolerance), [`curves`] (error against run time of
 //! all modes over their resolutions), [`skips`] (the same work with and without doing what a scene does not need).
 //! [`peers`] holds other people's published figures, [`machine`] says on what was measured, [`files`] writes
 //! tables and pictures.
@@ -110,6 +110,14 @@ mod tests {
         assert!(written.len() >= 5 && written.iter().all(|p| p.exists()));
         let csv = std::fs::read_to_string(folder.path().join("error_vs_time.csv")).expect("just written");
         assert!(csv.lines().count() > report.curves.points.len() && csv.contains("peer"));
+        // Every row of the throughput has all columns, and none beats the machine.
+        let csv = std::fs::read_to_string(folder.path().join("throughput.csv")).expect("just written");
+        let columns: Vec<usize> = csv
+            .lines()
+            .map(|l| l.split('"').step_by(2).map(|part| part.matches(',').count()).sum())
+            .collect();
+        assert!(columns.len() > 2 && columns.iter().all(|n| *n == columns[0]), "{columns:?}");
+        assert!(report.throughput.iter().all(|t| t.of_peak > 0.0 && t.of_peak < 1.0 && t.of_stream > 0.0));
         let svg = std::fs::read_to_string(folder.path().join("error_vs_time.svg")).expect("just written");
         assert!(svg.starts_with("<svg") && svg.contains("quasi_static"));
     }

@@ -1,6 +1,7 @@
 //! `twinrig bench elastomer`: how fast the elastomer is, and how right for its time.
 //!
-//! Particle-steps a second of `mpm` and `impm` by size and threads with their memory; time to solution of the quasi-static
+//! Particle-steps a second of `mpm` and `impm` by size and threads with their memory, and how much that is of what the
+//! machine could do; time to solution of the quasi-static
 //! mode by tolerance; error against run time of all modes over their resolutions beside published figures of other
 //! programs; what skipping saves. `--out` writes the tables as CSV, the curves as SVG and everything as JSON.
 //! What exactly is measured: [`crate::trial::bench`].
@@ -107,6 +108,16 @@ fn show(report: &Report) {
             t.bytes_per_particle,
             t.bytes_per_node,
             t.bytes as f64 / 1e9
+        ));
+        screen::result(format_args!(
+            "        of the machine's {:.0} GFLOP/s, {:.1} M/s at {:.0} flops each: {:.0} %; of its {:.0} GB/s at {:.0} bytes each: {:.0} %",
+            t.limits.flops_per_s / 1e9,
+            t.bound_particle_steps_per_s / 1e6,
+            t.flops_per_particle_step,
+            100.0 * t.of_peak,
+            t.limits.bytes_per_s / 1e9,
+            t.bytes_per_particle_step,
+            100.0 * t.of_stream
         ));
     }
     for p in &report.peers {

@@ -12,6 +12,8 @@
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+#[cfg(test)]
+pub mod counted;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 mod pair;
@@ -125,6 +127,9 @@ pub enum Isa {
     Neon,
     /// What every machine has.
     Portable,
+    /// The same, counting its flops.
+    #[cfg(test)]
+    Counted,
 }
 
 impl Isa {
@@ -161,6 +166,8 @@ impl Isa {
             #[cfg(target_arch = "aarch64")]
             Isa::Neon => "neon",
             Isa::Portable => "portable",
+            #[cfg(test)]
+            Isa::Counted => "counted",
         }
     }
 
@@ -176,6 +183,8 @@ impl Isa {
             #[cfg(target_arch = "aarch64")]
             Isa::Neon => kernel.run::<neon::Neon>(),
             Isa::Portable => kernel.run::<portable::Portable>(),
+            #[cfg(test)]
+            Isa::Counted => kernel.run::<counted::Counted>(),
         }
     }
 }
