@@ -25,6 +25,8 @@ const DISTANCES: [f32; 25] = [
 ];
 /// Ground this even, up to the farthest distance, needs no look: a slope.
 const EVEN: f32 = 4e-3;
+/// Cells that see nothing of the pad are taken to be this high, mm.
+const NOWHERE: f32 = -1e4;
 /// Cells are no nearer to each other than this, in their edges.
 const NEAREST: f32 = 0.3;
 /// A cell's light is changed by at most this factor, where next to none was.
@@ -338,7 +340,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
     ) -> Horizons {
         let mut horizons = [[Eight::all(0.0); 2]; DIRECTIONS];
         let means = self.means;
-        let (zero, even) = (Eight::all(0.0), Eight::all(EVEN));
+        let (zero, even, least) = (Eight::all(0.0), Eight::all(EVEN), Eight::all(1e-3));
         let z = Means::eight(&means.heights, at);
         let [x, y] = [0, 1].map(|c| Means::eight(&means.places[c], at));
         let nearest = Eight::all(NEAREST * self.cells.edge_mm);
@@ -357,6 +359,8 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                 .choose(weight(before, along, nz), (nz - along * Eight::all(FRAC_PI_2)) * Eight::all(0.5));
             // Where the step before showed something, what shows next lies between the two; first of all the cell itself.
             let mut shown: Option<(usize, Mask)> = Some((at, zero.below(Eight::all(1.0))));
+            let mut turned = zero;
+            let back = steps[0].0 + steps[0].1 * means.stride as isize;
             for (aside, down) in steps {
                 let row = self.j as isize + down;
                 if row < 0 || row >= self.cells.size[1] as isize {
@@ -369,7 +373,8 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                 // What is looked at lies a little aside of the direction: there the cell's own plane has another slope.
                 let plane =
                     plane_x * (Eight::all(ahead.x) * away - dx) + plane_y * (Eight::all(ahead.y) * away - dy);
-                let rise = (Means::eight(&means.heights, k) - z + plane).over(away);
+                let dz = (Means::eight(&means.heights, k) - z).max(Eight::all(NOWHERE));
+                let rise = (dz + plane).over(away);
                 let risen = (before + even).below(rise);
                 if !risen.any() {
                     shown = None;
@@ -384,6 +389,14 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                     self.gather(at, lanes, skies);
                 }
                 let middle = (before.max(zero) + rise) * Eight::all(0.5);
+                // How far what is there, and what was there before, is turned towards the eight.
+                let normal = |c: usize| Means::eight(&means.normals[c], k);
+                let toward = -(normal(0) * dx + normal(1) * dy + normal(2) * dz).over(away);
+                if shown.is_some_and(|(nearer, _)| nearer == at) {
+                    turned = (nx * dx + ny * dy + nz * dz).over(away).max(least);
+                }
+                let hides = toward.below(least);
+                let toward = toward.max(least);
                 for (film, sum) in sums.iter_mut().enumerate() {
                     let environment = skyline::radiance(&skies[film], direction, middle);
                     let scaled = |light: Vectors| Vectors {
@@ -392,10 +405,15 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                         z: light.z * Eight::all(reflected.z),
                     };
                     let mut light = Means::light(&means.lights[film], k);
+                    if hides.any() {
+                        // The top of a step is not seen, but what rises to it.
+                        let step = (k as isize - back) as usize;
+                        light = hides.pick(Means::light(&means.lights[film], step), light);
+                    }
                     if let Some((nearer, of)) = shown {
-                        let mean =
-                            (light + Means::light(&means.lights[film], nearer)).scaled(Eight::all(0.5));
-                        light = of.pick(mean, light);
+                        let (near, far) = (&means.lights[film], Means::light(&means.lights[film], k));
+                        let sum = Means::light(near, nearer).scaled(turned) + far.scaled(toward);
+                        light = of.pick(sum.scaled(Eight::all(1.0).over(turned + toward)), light);
                     }
                     let radiance = scaled(light);
                     let ground = scaled(Means::light(&means.grounds[film], k));
@@ -403,7 +421,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                         + (radiance - environment).scaled(of_sky)
                         + (radiance - ground).scaled(of_ground);
                 }
-                shown = Some((k, risen));
+                (shown, turned) = (Some((k, risen)), toward);
                 before = risen.choose(rise, before);
                 below = risen.choose(now, below);
             }
@@ -553,7 +571,8 @@ mod tests {
                     (40.5 - (k / nx) as f32) * edge,
                     if at(k) > 0.0 { 1.0 } else { 0.0 },
                 ),
-                normal: Vec3::Z,
+                // Its first row is the face of the step.
+                normal: if (0.0..edge).contains(&at(k)) { -Vec3::X } else { Vec3::Z },
                 area: 1.0,
                 level: 1.0,
                 count: 1.0,

@@ -15,6 +15,8 @@ const NEARNESS: f32 = 0.01;
 const SAMPLED_ERROR: f64 = 1.0 / (GRID * GRID * GRID) as f64;
 /// The same for the four corners, which are shared with the neighbours.
 const CORNERED_ERROR: f64 = 0.25;
+/// What of a steep pixel has more than this of its normal upwards is no flank.
+const LEVEL: f32 = 0.5;
 /// Pixels that see parts of the pad farther apart, in quads, are the mean of their corners.
 const MOST_QUADS: usize = 24;
 
@@ -221,8 +223,10 @@ impl Desk<'_> {
                 let pick = |v: &Vectors| Vec3::new(v.x.0[lane], v.y.0[lane], v.z.0[lane]);
                 let weight = piece.part * self.area(pick(&points), pick(&normals));
                 let cells = self.cells.len() / 2;
-                let cell = self.cell_of(x, y).filter(|_| steep);
-                if let Some(cell) = cell.map(|k| &mut self.cells[cells + k]) {
+                // (In the second half are flanks; what is level beside one counts as ground.)
+                let flank = if normals.z.0[lane] < LEVEL { cells } else { 0 };
+                let cell = self.cell_of(x, y).filter(|_| steep).map(|k| k + flank);
+                if let Some(cell) = cell.map(|k| &mut self.cells[k]) {
                     cell.position += pick(&points) * piece.part;
                     cell.normal += pick(&normals) * weight;
                     cell.area += weight;
@@ -230,7 +234,8 @@ impl Desk<'_> {
                 }
                 for (film, (sum, light)) in self.sums.iter().zip(&mut light).enumerate() {
                     if let Some(k) = cell {
-                        self.light[(films + film) * cells + k] += pick(sum) * weight;
+                        let at = if flank > 0 { films * cells } else { 0 };
+                        self.light[at + film * cells + k - flank] += pick(sum) * weight;
                     }
                     let value = albedos[lane] * pick(sum) * FRAC_1_PI;
                     *light += value * piece.part;

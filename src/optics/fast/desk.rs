@@ -4,6 +4,7 @@
 use super::bounce::Cell;
 use super::crease::Piece;
 use super::frame::{Frame, NODE_PX, Toward, uv};
+use super::horizon::slope_of;
 use super::lanes::{Eight, Mask, Vectors, WIDTH, Work};
 use super::shade::Block;
 use super::slots::POSITION;
@@ -295,8 +296,8 @@ impl Desk<'_> {
                 let cut =
                     |slope: f32| ((slope - sight.from) / (sight.to - sight.from).max(1e-6)).clamp(0.0, 1.0);
                 let horizon = sight.horizon(frame.heights, p, slots.bent());
-                departs += (cut(horizon) - cut(between(slots.horizons(l) + k))).abs();
-                let cuts = four.map(|n| cut(n[slots.horizons(l) + k]));
+                departs += (cut(horizon) - cut(slope_of(between(slots.horizons(l) + k)))).abs();
+                let cuts = four.map(|n| cut(slope_of(n[slots.horizons(l) + k])));
                 let most = cuts.iter().fold(0.0f32, |most, c| most.max(*c));
                 jumps += most - cuts.iter().fold(1.0f32, |least, c| least.min(*c));
             }

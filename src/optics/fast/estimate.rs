@@ -8,7 +8,7 @@ impl Effort {
     /// What it takes (found by experiment on the scenes of the tests).
     pub(super) fn for_tolerance(tolerance: f64) -> Self {
         // Few pixels have a shadow's edge: there an error may be larger.
-        let (shadow, field) = (8.0 * tolerance as f32, 0.2 * tolerance as f32);
+        let [shadow, field] = [8.0, 0.2].map(|part| part * tolerance as f32);
         if tolerance >= 0.009 {
             Self {
                 cell: 2.0,

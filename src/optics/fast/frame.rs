@@ -7,7 +7,7 @@
 use super::Precomputed;
 use super::bounce::{self, Cell, Cells, Untouched};
 use super::desk::Row;
-use super::horizon::Heights;
+use super::horizon::{Heights, slope_of, squeezed};
 use super::lanes::{Vectors, WIDTH, Work, with_widest};
 use super::raster::{Sample, corners};
 use super::slots::{POSITION, Slots};
@@ -247,7 +247,15 @@ impl Frame<'_> {
                 let mut gain = column[i].lerp(column[(i + 1).min(nx - 1)], at - i as f32);
                 if torn[i] {
                     // Across a step each side has its own.
-                    let z = height - 1.0 / self.seen[y * (width + 1) + x].value.max(1e-6);
+                    let corner = y * (width + 1) + x;
+                    let corners = [corner, corner + 1, corner + width + 1, corner + width + 2];
+                    let seen = corners.iter().map(|k| self.seen[*k].value).filter(|value| *value > 1e-6);
+                    let (sum, n) =
+                        seen.fold((0.0, 0.0f32), |(s, n), value| (s + height - 1.0 / value, n + 1.0));
+                    if n == 0.0 {
+                        continue;
+                    }
+                    let z = sum / n;
                     let s = at - i as f32;
                     let parts = [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t];
                     let four = [above[i], above[(i + 1).min(nx - 1)], below[i], below[(i + 1).min(nx - 1)]];
@@ -429,7 +437,7 @@ impl Frame<'_> {
         };
         // A few lines first, the ones between where the pad is higher anywhere...
         for k in (0..LINES).step_by(COARSE) {
-            node[slopes + k] = follow(k, &mut hides, &mut rises);
+            node[slopes + k] = squeezed(follow(k, &mut hides, &mut rises));
         }
         let mut reach = COARSE / 2;
         let mut bends = rises || self.effort.thorough || (self.effort.fine && self.heights.rises_above(p.z));
@@ -438,8 +446,12 @@ impl Frame<'_> {
             let mut bent = false;
             for k in (reach..LINES).step_by(2 * reach) {
                 let between = 0.5 * (node[slopes + k - reach] + node[slopes + k + reach]);
-                node[slopes + k] = if bends { follow(k, &mut hides, &mut rises) } else { between };
-                bent |= bends && (node[slopes + k] - between).abs() > BENT;
+                node[slopes + k] = between;
+                if bends {
+                    let slope = follow(k, &mut hides, &mut rises);
+                    node[slopes + k] = squeezed(slope);
+                    bent |= (slope - slope_of(between)).abs() > BENT;
+                }
             }
             flag += u8::from(bends);
             // ...or rises before one of these, and the finest only where the horizon bends.

@@ -133,6 +133,18 @@ impl Heights {
     }
 }
 
+/// A slope as it is interpolated, between -1 and 1: below an upright edge 1/slope changes evenly, far from it the slope.
+#[inline(always)]
+pub fn squeezed(slope: f32) -> f32 {
+    slope / (1.0 + slope.abs())
+}
+
+/// The slope that was squeezed to this.
+#[inline(always)]
+pub fn slope_of(squeezed: f32) -> f32 {
+    squeezed / (1.0 - squeezed.abs()).max(1e-6)
+}
+
 /// So near, in cells, the pad is part of the face that the receiver lies on.
 const OWN: f32 = 12.0;
 

@@ -194,8 +194,10 @@ impl<'a> Block<'a> {
             // The part of the line below the surface's own plane...
             let own = part_below(low.dot(normals), high.dot(normals));
             // ...and below the pad's horizon.
+            // (Heights over it, times 1 - |squeezed|.)
             let slope = at(&self.coefficients[horizons + k], u, v);
-            let over = |q: Vectors| q.z - slope * (q.x * q.x + q.y * q.y).sqrt();
+            let scale = one - slope.abs();
+            let over = |q: Vectors| q.z * scale - slope * (q.x * q.x + q.y * q.y).sqrt();
             let part = if self.hidden[l] { own.max(part_below(over(low), over(high))) } else { own };
             let part = part.max(zero).min(one);
             lows[k] = low.unit();

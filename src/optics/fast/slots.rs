@@ -58,7 +58,7 @@ impl Slots {
         self.light(l) + 1
     }
 
-    /// Slopes of the pad's horizon by line.
+    /// Slopes of the pad's horizon by line, [squeezed](super::horizon::squeezed).
     pub fn horizons(&self, l: usize) -> usize {
         self.light(l) + 2
     }
