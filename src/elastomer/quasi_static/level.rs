@@ -181,6 +181,11 @@ impl Level {
         &self.at.pose
     }
 
+    /// Force of the indenter into the pad, N.
+    pub fn normal_force_n(&self) -> f64 {
+        -self.at.contacts.resultant(&self.at.pose).0.z
+    }
+
     /// Displacement of the control points, mm.
     pub fn displacement(&self) -> &[f32] {
         &self.at.u

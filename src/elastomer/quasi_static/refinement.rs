@@ -103,12 +103,26 @@ impl QuasiStaticSolver {
     }
 
     /// Follows the way since rest with the levels that it was begun with: a press may be worth finer cells over which
-    /// dragging is not.
+    /// dragging is not. Where the two do not press alike, the drag stays with the finer ones.
     pub(super) fn again_unrefined(&mut self) -> Result<(), Error> {
+        let finer: Vec<Step> = self.levels.iter().map(Step::fork).collect();
+        let (resolution, force_n) = (self.resolution, self.finest().normal_force_n());
         self.leave_refined();
-        self.coarse_drag = true;
         let path = self.path.clone();
-        path[1..].iter().try_for_each(|p| self.go(p, &FINEST))
+        let ended = path[1..].iter().try_for_each(|p| self.go(p, &FINEST));
+        let alike = (self.finest().normal_force_n() - force_n).abs() <= OF_USE * force_n;
+        match ended {
+            Err(stopped @ Error::Interrupted) => Err(stopped),
+            Ok(()) if alike => {
+                self.coarse_drag = true;
+                Ok(())
+            }
+            _ => {
+                self.unrefined = Some(std::mem::replace(&mut self.levels, finer));
+                (self.resolution, self.dispensable) = (resolution, false);
+                Ok(())
+            }
+        }
     }
 
     /// Back to the levels of the beginning, at rest.
