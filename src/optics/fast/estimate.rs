@@ -41,7 +41,7 @@ impl Effort {
 }
 
 /// Error of a pad of one colour, and of a textured one, without anything of what follows.
-const BASE_ERROR: [f64; 2] = [0.001, 0.0025];
+const BASE_ERROR: [f64; 2] = [0.002, 0.0025];
 /// What a plate adds: its light is solved by fewer rays than it takes.
 const PLATE_ERROR: f64 = 0.004;
 /// What a curved face adds: what its press changes in the light of the walls is left out.
