@@ -89,6 +89,11 @@ pub struct Rendered {
 /// # Errors
 /// When the file is no scene, a part of it cannot be rendered, or not in this mode.
 pub fn render_file(path: &Path, request: &Request) -> Result<Rendered, Error> {
+    // On a thread of the pool: from any other, every parallel loop would wait for one to wake.
+    rayon::scope(|_| render_on_pool(path, request))
+}
+
+fn render_on_pool(path: &Path, request: &Request) -> Result<Rendered, Error> {
     let start = Instant::now();
     let mut scene = bench_scene::load(path, request.variant)?;
     if let Some([width, height]) = request.size {

@@ -156,6 +156,12 @@ impl Echo {
             })
             .collect();
 
+        // Of so many groups a place sees few, and each sends to few.
+        let present = |row: &[f32]| -> Vec<(u32, f32)> {
+            row.iter().enumerate().filter(|(_, v)| **v != 0.0).map(|(k, v)| (k as u32, *v)).collect()
+        };
+        let onward: Vec<Vec<(u32, f32)>> = passed.iter().map(|(parts, _)| present(parts)).collect();
+
         // Radiance of each group for power 1 that arrives at another, and what of it reaches the nodes.
         let albedos: Vec<Vec3> = members.iter().map(|m| world.element(m[0] as usize).0).collect();
         let nodes = seen.len();
@@ -168,6 +174,7 @@ impl Echo {
                 }
             }
         }
+        let rows: Vec<Vec<(u32, f32)>> = gathered.chunks_exact(groups).map(present).collect();
         let columns: Vec<Vec<f32>> = (0..groups)
             .into_par_iter()
             .map(|from| {
@@ -176,13 +183,17 @@ impl Echo {
                 let mut total = arrived.clone();
                 for _ in 2..events {
                     let mut next = vec![Vec3::ZERO; groups];
-                    for ((power, albedo), (parts, _)) in arrived.iter().zip(&albedos).zip(&passed) {
+                    for ((power, albedo), parts) in arrived.iter().zip(&albedos).zip(&onward) {
                         if *power != Vec3::ZERO {
                             let sent = *power * *albedo;
-                            next.iter_mut().zip(parts).for_each(|(next, part)| *next += sent * *part);
+                            for (to, part) in parts {
+                                next[*to as usize] += sent * *part;
+                            }
                         }
                     }
-                    total.iter_mut().zip(&next).for_each(|(total, next)| *total += *next);
+                    for (total, next) in total.iter_mut().zip(&next) {
+                        *total += *next;
+                    }
                     arrived = next;
                 }
                 let radiances: Vec<Vec3> = total
@@ -191,8 +202,11 @@ impl Echo {
                     .map(|(power, (albedo, (_, area)))| *power * *albedo * (FRAC_1_PI / area.max(1e-6)))
                     .collect();
                 let mut column = vec![0.0; nodes * NUMBERS];
-                for (k, row) in gathered.chunks_exact(groups).enumerate() {
-                    let sum: Vec3 = row.iter().zip(&radiances).map(|(weight, r)| *r * *weight).sum();
+                for (k, row) in rows.iter().enumerate() {
+                    let mut sum = Vec3::ZERO;
+                    for (from, weight) in row {
+                        sum += radiances[*from as usize] * *weight;
+                    }
                     column[3 * k..3 * k + 3].copy_from_slice(&sum.to_array());
                 }
                 column
