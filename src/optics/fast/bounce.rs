@@ -535,6 +535,18 @@ fn weight(slope: Eight, along: Eight, up: Eight) -> Eight {
 mod tests {
     use super::*;
 
+    /// White cells seen from high above.
+    fn white<'a>(
+        size: [usize; 2],
+        edge_mm: f32,
+        cells: &'a [Cell],
+        lights: &'a [Vec<Vec3>],
+        extent: [Vec2; 2],
+    ) -> Cells<'a> {
+        let eye = Vec3::new(0.0, 0.0, 20.0);
+        Cells { size, edge_mm, cells, lights, most_count: 1.0, albedo: Vec3::ONE, eye, extent, echo: None }
+    }
+
     #[test]
     fn a_narrow_flank_stands_for_a_cell_of_which_it_is_the_larger_part() {
         let flat = Cell {
@@ -582,17 +594,8 @@ mod tests {
         let light: Vec<Vec3> =
             (0..nx * ny).map(|k| if at(k) > 0.0 { Vec3::ONE } else { Vec3::splat(1e-3) }).collect();
         let lights = [light.clone(), light.iter().map(|l| *l * 2.0).collect()];
-        let all = Cells {
-            size: [nx, ny],
-            edge_mm: edge,
-            cells: &cells,
-            lights: &lights,
-            most_count: 1.0,
-            albedo: Vec3::ONE,
-            eye: Vec3::new(0.0, 0.0, 20.0),
-            extent: [Vec2::splat(-10.125), Vec2::splat(10.125)],
-            echo: None,
-        };
+        let extent = [Vec2::splat(-10.125), Vec2::splat(10.125)];
+        let all = white([nx, ny], edge, &cells, &lights, extent);
         let dark = |_, _| Untouched { sky: [0.0; skyline::NUMBERS], ground: Vec3::ZERO };
         let rest = |_| Vec3::Z;
         let gains = all.changes(dark, rest).gains;
@@ -627,17 +630,7 @@ mod tests {
             })
             .collect();
         let lights = [vec![Vec3::ONE; nx * ny]];
-        let all = Cells {
-            size: [nx, ny],
-            edge_mm: edge,
-            cells: &cells,
-            lights: &lights,
-            most_count: 1.0,
-            albedo: Vec3::ONE,
-            eye: Vec3::new(0.0, 0.0, 20.0),
-            extent: [Vec2::ZERO, Vec2::ONE],
-            echo: None,
-        };
+        let all = white([nx, ny], edge, &cells, &lights, [Vec2::ZERO, Vec2::ONE]);
         let dark = |_, _| Untouched { sky: [0.0; skyline::NUMBERS], ground: Vec3::ZERO };
         for gain in &all.changes(dark, |_| Vec3::Z).gains[0] {
             assert!((*gain - Vec3::ONE).abs().max_element() < 1e-3, "{gain}");
@@ -650,17 +643,7 @@ mod tests {
         let (size, edge) = ([20, 10], 0.25);
         let extent = [Vec2::new(-3.0, -2.0), Vec2::new(3.5, 1.5)];
         let (cells, lights) = (Vec::new(), Vec::new());
-        let all = Cells {
-            size,
-            edge_mm: edge,
-            cells: &cells,
-            lights: &lights,
-            most_count: 1.0,
-            albedo: Vec3::ONE,
-            eye: Vec3::Z,
-            extent,
-            echo: None,
-        };
+        let all = white(size, edge, &cells, &lights, extent);
         let mut sum = 0.0;
         for (i, j) in (0..size[0]).flat_map(|i| (0..size[1]).map(move |j| (i, j))) {
             let p = Vec3::new((i as f32 + 0.5) * edge - 2.5, 1.25 - (j as f32 + 0.5) * edge, 0.0);
