@@ -62,26 +62,6 @@ impl QuasiStaticSolver {
         Ok(())
     }
 
-    /// Begins a press under a body with edges, over the cells for it, if this is one; whether that was done.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
-    pub(super) fn press_finer(&mut self, pose: &Pose) -> Result<bool, Error> {
-        let touches = !self.finest().is_clear(self.indenter.as_ref(), pose);
-        let Some(finer) = self.pressing.filter(|_| touches && self.finest().at_rest()) else {
-            return Ok(false);
-        };
-        match self.again_finer(finer, pose) {
-            Ok(()) => {
-                self.dispensable = true;
-                Ok(true)
-            }
-            Err(stopped @ Error::Interrupted) => Err(stopped),
-            // The usual cells may still do.
-            Err(_) => Ok(false),
-        }
-    }
-
     /// Error that the present answer states, relative to depth.
     pub(super) fn stated_error(&self) -> f64 {
         self.finest().estimated_error(self.indenter.as_ref()).unwrap_or(0.0)
