@@ -523,3 +523,24 @@ fn a_press_of_no_use_with_coarse_cells_is_not_dragged_with_them() {
         assert!(stated < settings.tolerance, "{n}: {stated}");
     }
 }
+
+#[test]
+fn a_flat_punch_presses_as_hard_over_the_usual_cells_as_over_fine_ones() {
+    use crate::indenter::spec::{Plan, Shape};
+    use crate::indenter::{IndenterSpec, from_spec};
+    let shape = Shape::Flat { plan: Plan::Disc { diameter_mm: 5.4 } };
+    let spec = IndenterSpec { description: String::new(), edge_round_mm: 0.3, height_mm: 8.0, shape };
+    let punch = from_spec("punch", &spec, None).expect("a disc");
+    let force_n = |tolerance: f64, cell_mm: Option<f64>| {
+        let settings = Settings { tolerance, ..settings(Friction::Coefficient(0.0)) };
+        let (pad, start) = (pad(Law::NeoHookean), Pose::new(0.0, 0.0, 0.2, 0.0));
+        let usual = Resolution::for_tolerance(tolerance);
+        let resolution = Resolution { cell_mm: cell_mm.unwrap_or(usual.cell_mm), ..usual };
+        let mut s = QuasiStaticSolver::with_resolution(&pad, &settings, resolution, punch.clone(), &start)
+            .expect("in range");
+        s.advance(&Pose::new(0.0, 0.0, -0.5, 0.0)).expect("an easy press");
+        s.capture(2, 2).expect("a lattice").forces.normal_force_n
+    };
+    let (usual, fine) = (force_n(0.01, None), force_n(0.01, Some(0.25)));
+    assert!((usual / fine - 1.0).abs() < 0.01, "{usual} instead of {fine}");
+}
