@@ -640,6 +640,22 @@ impl Contacts {
         if n == 0 { 0.0 } else { (sum / f64::from(n)).sqrt() }
     }
 
+    /// Part of the loaded cells that lie at the rim of the contact: 1 where it is nowhere wider than two cells.
+    pub fn rim_part(&self) -> f64 {
+        let count = self.per_axis * self.per_axis;
+        let loaded: Vec<bool> =
+            self.samples.chunks(count).map(|cell| cell.iter().any(|s| s.pressure > 0.0)).collect();
+        let nx = self.cx - 2;
+        let (mut rim, mut all) = (0, 0);
+        for n in (0..loaded.len()).filter(|n| loaded[*n]) {
+            let within = (1..nx - 1).contains(&(n % nx)) && (nx..loaded.len() - nx).contains(&n);
+            let inside = within && [n - 1, n + 1, n - nx, n + nx].iter().all(|n| loaded[*n]);
+            rim += usize::from(!inside);
+            all += 1;
+        }
+        if all == 0 { 0.0 } else { rim as f64 / all as f64 }
+    }
+
     /// The pressed part of the face.
     pub fn patch(&self) -> Patch {
         let loaded = self.samples.iter().filter(|s| s.pressure > 0.0);

@@ -16,7 +16,7 @@ use crate::pose::Pose;
 const GOOD_ENOUGH: f64 = 1.5;
 /// Stated error over the one aimed at that is worth pressing again with finer cells, which take three to ten times as
 /// long.
-const WORTHWHILE: f64 = 4.0 / 3.0;
+const WORTHWHILE: f64 = 1.15;
 /// The same for whoever has gone on from the first press: the way is longer, and friction lets the statement waver.
 const WORTHWHILE_LATER: f64 = 8.0 / 3.0;
 /// Cells over finer ones that are worth a guess of their own.
