@@ -47,6 +47,8 @@ const LARGEST_IMBALANCE: f64 = 1e-3;
 const LEAST_RESIDUAL: f64 = 1e-5;
 /// Newton iterations in an increment before it is halved.
 const MOST_NEWTON: u32 = 100;
+/// The same in a cautious increment: a pad that is about to give way to one side is found by many.
+const MOST_CAUTIOUS: u32 = 40;
 /// A residual (relative to the contact forces) with which an increment may end when its rounds are used up.
 const ROUGH_RESIDUAL: f64 = 0.005;
 /// A residual with which another round is worth its while.
@@ -331,7 +333,7 @@ impl Level {
     /// only when this does not converge.
     ///
     /// Where the pad is unstable (negative curvature), it matters how it was come by: rounding decides which way it
-    /// gives. Shorter increments mostly keep clear of such places, so `cautious` ones end there.
+    /// gives. Shorter increments mostly keep clear of such places, so `cautious` ones end there, and where they take long.
     fn settle(&mut self, problem: &Problem<'_>, cautious: bool) -> Result<Outcome, Outcome> {
         self.newton.indefinite = false;
         let mut state = self.newton.begin(problem, &mut self.at.contacts, &self.at.u);
@@ -348,7 +350,7 @@ impl Level {
             rounds += 1;
             spent += outcome.iterations;
             outcome.iterations = spent;
-            if cautious && self.newton.indefinite {
+            if cautious && (self.newton.indefinite || spent > MOST_CAUTIOUS) {
                 return Err(outcome);
             }
             if !(outcome.residual <= HOPELESS_RESIDUAL.max(goal)) || !state.valid() {
