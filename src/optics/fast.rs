@@ -20,6 +20,7 @@ mod crease;
 mod desk;
 mod echo;
 mod estimate;
+mod exchange;
 mod fixed;
 mod frame;
 mod grid;
