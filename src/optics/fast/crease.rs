@@ -2,7 +2,7 @@
 //! of samples, each with the triangle on top there; or of what their corners see where those do not all see the pad.
 
 use super::desk::{Desk, Rectangle};
-use super::lanes::{Eight, Vectors, WIDTH};
+use super::lanes::{Eight, Vectors, WIDTH, lanes};
 use super::raster::corners;
 use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
@@ -215,8 +215,8 @@ impl Desk<'_> {
                 corner[lane] = (1..4).fold(0, |best, k| if like(k) > like(best) { k } else { best });
             }
             let at = |k: usize, low: usize, high: usize| (k - low) as f32 / (high - low) as f32;
-            let u = Eight(std::array::from_fn(|k| at(x + corner[k] % 2, x0, x1)));
-            let v = Eight(std::array::from_fn(|k| at(y + corner[k] / 2, y0, y1)));
+            let u = Eight(lanes!(k => at(x + corner[k] % 2, x0, x1)));
+            let v = Eight(lanes!(k => at(y + corner[k] / 2, y0, y1)));
             self.sums.fill(Vectors::all(Vec3::ZERO));
             self.block.light([u, v], points, normals, &once.radiances, true, &mut self.sums);
             for (lane, piece) in batch.iter().enumerate() {
@@ -286,8 +286,8 @@ impl Desk<'_> {
         if albedos != [Vec3::ZERO; 4] {
             // Each corner with the light and the horizons where it stands.
             let at = |k: usize, low: usize, high: usize| ((k - low) as f32) / (high - low) as f32;
-            let u = Eight(std::array::from_fn(|k| at(x + k % 2, x0, x1)));
-            let v = Eight(std::array::from_fn(|k| at(y + k / 2 % 2, y0, y1)));
+            let u = Eight(lanes!(k => at(x + k % 2, x0, x1)));
+            let v = Eight(lanes!(k => at(y + k / 2 % 2, y0, y1)));
             self.sums.fill(Vectors::all(Vec3::ZERO));
             self.block.light([u, v], points, normals, &once.radiances, true, &mut self.sums);
         }

@@ -5,7 +5,7 @@ use super::bounce::Cell;
 use super::crease::Piece;
 use super::frame::{Frame, NODE_PX, Toward, uv};
 use super::horizon::slope_of;
-use super::lanes::{Eight, Mask, Vectors, WIDTH, Work};
+use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, lanes};
 use super::shade::Block;
 use super::slots::POSITION;
 use super::source::{COARSE, LINES};
@@ -321,14 +321,14 @@ impl Desk<'_> {
         let at_once = (WIDTH / columns).max(1);
         for top in (y0..y1).step_by(at_once) {
             let lanes = Lanes { x0, columns, top, count: columns * at_once.min(y1 - top) };
-            let u = Eight(std::array::from_fn(|i| ((i % columns) as f32 + 0.5) * scale[0]));
-            let v = Eight(std::array::from_fn(|i| ((top - y0 + i / columns) as f32 + 0.5) * scale[1]));
+            let u = Eight(lanes!(i => ((i % columns) as f32 + 0.5) * scale[0]));
+            let v = Eight(lanes!(i => ((top - y0 + i / columns) as f32 + 0.5) * scale[1]));
             let first = self.at(x0, top);
             let stride = self.stride;
             let read = |c: usize, step: usize| match columns == WIDTH {
-                true => Eight(std::array::from_fn(|i| self.points[c][first + step..first + step + WIDTH][i])),
+                true => Eight(lanes!(i => self.points[c][first + step..first + step + WIDTH][i])),
                 // (Beyond the last row of the block it reads that row.)
-                false => Eight(std::array::from_fn(|i| {
+                false => Eight(lanes!(i => {
                     let i = i.min(lanes.count - 1);
                     self.points[c][first + step + i / columns * stride + i % columns]
                 })),
@@ -342,8 +342,8 @@ impl Desk<'_> {
             let before = |k: usize| {
                 let back = first - k;
                 match columns == WIDTH {
-                    true => Eight(std::array::from_fn(|i| self.points[2][back..back + WIDTH][i])),
-                    false => Eight(std::array::from_fn(|i| {
+                    true => Eight(lanes!(i => self.points[2][back..back + WIDTH][i])),
+                    false => Eight(lanes!(i => {
                         let i = i.min(lanes.count - 1);
                         self.points[2][back + i / columns * stride + i % columns]
                     })),

@@ -106,7 +106,10 @@ impl Heights {
             // Within how many of the reaches nothing touches the line, which may fall.
             let fall = slope.min(0.0) * self.cell;
             let around = &self.around[j * self.coarse[0] + i];
-            let free: usize = (0..REACHES).map(|k| usize::from(around[k] <= line + fall * LEAP[k])).sum();
+            let mut free = 0;
+            for k in 0..REACHES {
+                free += usize::from(around[k] <= line + fall * LEAP[k]);
+            }
             if free > 0 {
                 t += LEAP[free - 1] * self.cell;
             } else {
