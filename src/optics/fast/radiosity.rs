@@ -11,8 +11,9 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
-/// Rays of an element; their errors average out over the many elements that a probe sees.
-const RAYS: u32 = 256;
+/// Rays of an element without and with clear bodies, at which chance splits them; their errors average out over the many
+/// elements that a probe sees (with four times the rays a picture changes by 0.02 % of its mean and 0.25 %).
+const RAYS: [u32; 2] = [64, 256];
 /// Points at which an element's direct light is taken.
 const POINTS: u32 = 16;
 
@@ -145,7 +146,7 @@ fn covered(world: &World, point: Vec3, normal: Vec3) -> bool {
 const COVER: f32 = 200.0;
 
 fn row(world: &World, element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec<u32> {
-    met_by(world, element, RAYS, buried)
+    met_by(world, element, RAYS[usize::from(world.has_clear())], buried)
 }
 
 /// The element that a ray met, of what [`met_by`] tells; one that is none where it met nothing.
