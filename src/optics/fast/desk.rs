@@ -54,8 +54,9 @@ pub struct Desk<'a> {
     /// Nodes of a block that is being divided, and its parts that wait.
     pub arena: Vec<f32>,
     pub waiting: Vec<(Rectangle, [usize; 4])>,
-    /// Of the pixel over a crease at hand.
+    /// Of the pixel over a crease at hand, and what its facets see of lights.
     pub pieces: Vec<Piece>,
+    pub horizons: Vec<f32>,
     pub cell_px: usize,
     pub cells: &'a mut [Cell],
     pub light: &'a mut [Vec3],
@@ -134,6 +135,7 @@ impl Work for Row<'_> {
             arena,
             waiting,
             pieces: Vec::new(),
+            horizons: Vec::new(),
             cell_px,
             cells,
             light,
@@ -361,7 +363,7 @@ impl Desk<'_> {
                 z: away.choose(-normal.z, normal.z),
             };
             self.sums.fill(Vectors::all(Vec3::ZERO));
-            self.block.light([u, v], point, normal, &self.frame.once.radiances, false, &mut self.sums);
+            self.block.light([u, v], point, normal, &self.frame.once.radiances, None, &mut self.sums);
             self.put(lanes);
             self.count(lanes, point, normal, steep);
             if uneven.any() {
