@@ -4,6 +4,7 @@
 //! around each place, within twice the reach each, let a line of sight leap over what it cannot touch.
 
 use super::raster::Projected;
+use crate::optics::Mesh;
 use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
@@ -29,6 +30,13 @@ pub struct Heights {
 }
 
 impl Heights {
+    /// Looks at a pad from above, with cells of so many distances of its lattice's points.
+    pub fn of(mesh: &Mesh, lattice: [usize; 2], cell: f32) -> Self {
+        let p = &mesh.positions;
+        let spacing = (p[1] - p[0]).length().max((p[lattice[0]] - p[0]).length());
+        Self::new(p, lattice, (cell * spacing).clamp(0.03, 0.2))
+    }
+
     /// Looks at a lattice from above, with cells of about `cell` mm.
     pub fn new(positions: &[Vec3], lattice: [usize; 2], cell: f32) -> Self {
         let inf = Vec3::splat(f32::INFINITY);
