@@ -123,6 +123,8 @@ fn sim(k: u32) -> (SimRecord, Vec<u8>, Vec<u8>) {
         particles: 5,
         residual: 0.0,
         estimated_error: None,
+        light_error: None,
+        light_meets_tolerance: None,
     };
     let tiff = depth::encode(2, 2, &[0.0, -0.1, -0.2, k as f32]).expect("encodes");
     (record, format!("simulated picture {k}").into_bytes(), tiff)

@@ -2,7 +2,8 @@
 //!
 //! The result is linear RGB float32 [h][w][3], row 0 on top. `--size` changes the camera's raster only, never
 //! the mesh. `--repeat N` renders N times and `--json` prints the seconds of what is done once and of each
-//! frame, so that cost can be compared with error. A frame's seconds fall into what makes the changed pad ready (its
+//! frame, so that cost can be compared with error, and the error that the fast mode expects, with whether that is within
+//! `--tolerance`: where it is not, a warning says so. A frame's seconds fall into what makes the changed pad ready (its
 //! tree or heights; as long for any number of samples) and the light itself. `--basis FOLDER` renders one picture a
 //! light, whose colours [`relight`](super::relight) changes without rendering.
 
@@ -59,7 +60,7 @@ impl Args {
     /// Runs the subcommand.
     pub fn run(self) -> Exit {
         match self.render() {
-            Ok(times) if times.estimated_error.is_some_and(|e| e > self.tolerance) => {
+            Ok(times) if times.meets_tolerance == Some(false) => {
                 let estimated = times.estimated_error.unwrap_or_default();
                 screen::warning(Notice::AboveTolerance { estimated, tolerance: self.tolerance });
                 self.tell(&times)

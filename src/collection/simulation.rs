@@ -173,6 +173,8 @@ impl Simulation {
                 particles: stats.particles,
                 residual: stats.residual,
                 estimated_error: stats.estimated_error,
+                light_error: picture.estimated_error,
+                light_meets_tolerance: picture.meets_tolerance(),
             };
             self.dataset.append_sim(*capture, record, &png, &tiff, &contact)?;
             let _ = self.progress.send(Progress::Simulated { capture: *capture });

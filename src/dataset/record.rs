@@ -118,6 +118,10 @@ pub struct SimRecord {
     pub residual: f64,
     /// Error of the surface relative to depth, as the solver estimates it.
     pub estimated_error: Option<f64>,
+    /// relRMSE of the picture's light, as the fast mode estimates it; absent in the reference mode.
+    pub light_error: Option<f64>,
+    /// Whether that is within the tolerance asked for.
+    pub light_meets_tolerance: Option<bool>,
 }
 
 /// What the comparison of the two sides says.

@@ -97,6 +97,11 @@ pub fn pairs(dataset: &Dataset, split: &str, rows: &[&Row], metrics: &BTreeMap<u
     t.integer("impm_limit_hits", rows.iter().map(|r| count(r, |q| q.limit_hits)));
     t.float("residual", rows.iter().map(|r| sim(r, |q| q.residual)));
     t.float("estimated_error", rows.iter().map(|r| r.sim.as_ref().and_then(|l| l.record.estimated_error)));
+    t.float("light_error", rows.iter().map(|r| r.sim.as_ref().and_then(|l| l.record.light_error)));
+    t.boolean(
+        "light_meets_tolerance",
+        rows.iter().map(|r| r.sim.as_ref().and_then(|l| l.record.light_meets_tolerance)),
+    );
     t.float("youngs_modulus_mpa", rows.iter().map(|r| sim(r, |q| q.youngs_modulus_mpa)));
     t.float("poisson_ratio", rows.iter().map(|r| sim(r, |q| q.poisson_ratio)));
     t.float(

@@ -33,7 +33,8 @@ struct Triangle {
 /// Distance along the ray and Pluecker weights of the three corners, if the triangle is hit in [tmin, tmax).
 #[inline(always)]
 fn intersect(tri: &Triangle, ray: &Ray) -> Option<(f32, [f32; 3])> {
-    let [a, b, c] = tri.corners.map(|p| p - ray.origin);
+    let [a, b, c] = tri.corners;
+    let (a, b, c) = (a - ray.origin, b - ray.origin, c - ray.origin);
     let (e0, e1, e2) = (c - a, a - b, b - c);
     // Each is twice the signed volume over the edge opposite to the corner it weighs.
     let on_b = e0.cross(c + a).dot(ray.direction);

@@ -20,6 +20,7 @@ mod crease;
 mod desk;
 mod echo;
 mod estimate;
+mod exchange;
 mod fixed;
 mod frame;
 mod grid;
@@ -322,6 +323,7 @@ pub struct Renderer<'a> {
     albedo: Albedo,
     heights: Heights,
     effort: Effort,
+    tolerance: f64,
 }
 
 impl<'a> Renderer<'a> {
@@ -368,7 +370,6 @@ impl<'a> Renderer<'a> {
             let value = format!("{low} to {high} mm above its untouched face");
             return Err(unsupported("pad", &value, "pads that move by -1.5 to 3 mm"));
         }
-        let spacing = (p[1] - p[0]).length().max((p[lattice[0]] - p[0]).length());
         let mut effort = Effort::for_tolerance(tolerance);
         // Without interreflection there is no bounce to look for.
         let dark = matches!(albedo, Albedo::Constant(a) if *a == Vec3::ZERO);
@@ -378,8 +379,9 @@ impl<'a> Renderer<'a> {
             mesh: pad.mesh.clone(),
             lattice,
             albedo: albedo.clone(),
-            heights: Heights::new(p, lattice, (effort.cell * spacing).clamp(0.03, 0.2)),
+            heights: Heights::of(&pad.mesh, lattice, effort.cell),
             effort,
+            tolerance,
         })
     }
 
@@ -424,13 +426,13 @@ impl<'a> Renderer<'a> {
 
     /// The picture.
     pub fn render(&self) -> Film {
-        self.pictures(1).films.swap_remove(0)
+        self.render_with_error().0
     }
 
-    /// The picture and what relRMSE to expect of it.
+    /// The picture and what relRMSE to expect of it. Where that would be above the tolerance, and more work would help, more is
+    /// done.
     pub fn render_with_error(&self) -> (Film, f64) {
-        let mut pictures = self.pictures(1);
-        let error = self.estimated_error(&pictures);
+        let (mut pictures, error) = self.within_tolerance();
         (pictures.films.swap_remove(0), error)
     }
 
@@ -571,7 +573,7 @@ mod tests {
     const SCENE: &str = include_str!("../../tests/data/optics/tactile-bench-1.json");
 
     /// The benchmark scene on a coarse lattice with another pad.
-    fn scene(variant: bench_scene::Variant, height: impl Fn(f32, f32) -> f32) -> Scene {
+    pub(super) fn scene(variant: bench_scene::Variant, height: impl Fn(f32, f32) -> f32) -> Scene {
         let mut scene = bench_scene::parse(SCENE, variant).unwrap();
         scene.camera = scene.camera.with_raster(64, 48);
         let (nx, ny) = (201, 151);
@@ -587,7 +589,7 @@ mod tests {
         if r < 2.0 { (16.0 - r * r).sqrt() - 3.0 } else { 0.4641 * (-1.244 * (r - 2.0)).exp() }
     }
 
-    fn punch(x: f32, y: f32) -> f32 {
+    pub(super) fn punch(x: f32, y: f32) -> f32 {
         let r = (x + 3.0).hypot(y - 2.0);
         if r < 2.5 { 1.5 } else { 1.5 * (-1.6 * (r - 2.5)).exp() }
     }
@@ -600,7 +602,7 @@ mod tests {
         flat
     }
 
-    static ONCE: LazyLock<Precomputed> =
+    pub(super) static ONCE: LazyLock<Precomputed> =
         LazyLock::new(|| Precomputed::new(&scene(bench_scene::Variant::Ac, |_, _| 0.0)).unwrap());
 
     /// relRMSE against the reference, its own noise taken off, and the ratio of means.

@@ -6,24 +6,27 @@
 //! [`vector`](super::fast::vector), projected on the normal.
 
 use super::fast::vector::edge;
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 /// Irradiance at `point` with unit normal `normal` from a convex polygon of radiance 1 whose corners run
 /// counter-clockwise as seen from its shining side. Points behind the light get 0.
 pub fn polygon(point: Vec3, normal: Vec3, corners: &[Vec3; 4]) -> f32 {
-    let v = corners.map(|c| c - point);
+    let [a, b, c, d] = *corners;
+    let v = [a - point, b - point, c - point, d - point];
     // In front of the light? Its normal is u x v of the corner order.
     let shining = (v[1] - v[0]).cross(v[3] - v[0]);
     // A point in its plane must not be taken for one in front by rounding: the plane would fill its sky.
     if shining.dot(v[0]) >= -1e-6 * (shining.length() * v[0].length()) {
         return 0.0;
     }
-    let heights = v.map(|c| c.dot(normal));
-    if heights.iter().all(|&h| h <= 0.0) {
+    let heights = [v[0].dot(normal), v[1].dot(normal), v[2].dot(normal), v[3].dot(normal)];
+    let [lowest, highest] = [Vec4::from(heights).min_element(), Vec4::from(heights).max_element()];
+    if highest <= 0.0 {
         return 0.0;
     }
-    let sum = if heights.iter().all(|&h| h >= 0.0) {
-        let u = v.map(Vec3::normalize_or_zero);
+    let sum = if lowest >= 0.0 {
+        let unit = |k: usize| v[k].normalize_or_zero();
+        let u = [unit(0), unit(1), unit(2), unit(3)];
         (edge(u[0], u[1]) + edge(u[1], u[2]) + edge(u[2], u[3]) + edge(u[3], u[0])).dot(normal)
     } else {
         clipped(&v, &heights, normal)
@@ -49,7 +52,11 @@ fn clipped(v: &[Vec3; 4], heights: &[f32; 4], normal: Vec3) -> f32 {
             n += 1;
         }
     }
-    (0..n).map(|i| edge(kept[i], kept[(i + 1) % n])).sum::<Vec3>().dot(normal)
+    let mut sum = Vec3::ZERO;
+    for i in 0..n {
+        sum += edge(kept[i], kept[if i + 1 == n { 0 } else { i + 1 }]);
+    }
+    sum.dot(normal)
 }
 
 #[cfg(test)]

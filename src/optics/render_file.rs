@@ -71,6 +71,8 @@ pub struct Times {
     pub prepared_before: bool,
     /// relRMSE to expect (fast mode).
     pub estimated_error: Option<f64>,
+    /// Whether that is within the tolerance asked for.
+    pub meets_tolerance: Option<bool>,
 }
 
 /// What was rendered.
@@ -165,6 +167,7 @@ fn render_on_pool(path: &Path, request: &Request) -> Result<Rendered, Error> {
         radiances,
         prepared_before,
         estimated_error,
+        meets_tolerance: estimated_error.map(|error| error <= request.tolerance),
     };
     Ok(Rendered { picture, basis, times })
 }

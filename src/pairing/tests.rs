@@ -120,6 +120,8 @@ pub(crate) fn sim_record(contact_box_px: Option<[u32; 4]>) -> SimRecord {
         particles: 9,
         residual: 0.0,
         estimated_error: None,
+        light_error: None,
+        light_meets_tolerance: None,
     }
 }
 

@@ -8,6 +8,8 @@ use crate::optics::imager::{Background, Imager, Method, Notice};
 use crate::optics::sensor::SensorOptics;
 use crate::optics::store::Store;
 use crate::optics::surface::DisplacedSurface;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// The camera's side of a twin.
@@ -26,6 +28,8 @@ pub struct View {
 pub struct Wear {
     imager: Imager,
     shape: PadShape,
+    /// Whether it was said that a picture is above the tolerance: once is enough.
+    told: Arc<AtomicBool>,
 }
 
 /// A simulated capture, as the camera would give it.
@@ -45,6 +49,13 @@ pub struct Picture {
     pub notice: Option<Notice>,
     /// Time it took.
     pub took: Duration,
+}
+
+impl Picture {
+    /// Whether its light is expected to be within the tolerance asked for; None where nothing is estimated.
+    pub fn meets_tolerance(&self) -> Option<bool> {
+        self.estimated_error.map(|_| !matches!(self.notice, Some(Notice::AboveTolerance { .. })))
+    }
 }
 
 impl Wear {
@@ -89,7 +100,7 @@ impl View {
         let store = self.store.as_ref();
         let imager = Imager::with_store(&self.sensor, self.method, background, &rest, store)?;
         imager.notices().iter().for_each(|notice| tracing::warn!("{notice}"));
-        Ok(Wear { imager, shape: pad.shape })
+        Ok(Wear { imager, shape: pad.shape, told: Arc::default() })
     }
 
     /// The picture of a deformed pad; `capture` numbers it, so that each has its own noise.
@@ -105,6 +116,12 @@ impl View {
         let contact = contact_mask(&self.sensor, pad);
         let contact_box_px = self.contact_box(&contact);
         match &seen.notice {
+            Some(notice @ Notice::AboveTolerance { .. }) if !wear.told.swap(true, Ordering::Relaxed) => {
+                tracing::warn!(
+                    "capture {capture}: {notice}. Others may be above it, too: the dataset keeps light_error and \
+                     light_meets_tolerance of each"
+                );
+            }
             Some(notice @ Notice::AboveTolerance { .. }) => tracing::info!("capture {capture}: {notice}"),
             Some(notice) => tracing::warn!("capture {capture}: {notice}"),
             None => {}

@@ -9,7 +9,7 @@
 
 use super::echo::{self, Echo, PER_WEIGHT, RISES, SLOPES};
 use super::grid::Grid;
-use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, with_widest};
+use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, lanes, with_widest};
 use super::probes::{self, NUMBERS};
 use super::skyline;
 use glam::{Vec2, Vec3};
@@ -261,7 +261,8 @@ impl Cells<'_> {
 impl Means {
     #[inline(always)]
     fn eight(numbers: &[f32], at: usize) -> Eight {
-        Eight(std::array::from_fn(|i| numbers[at..at + WIDTH][i]))
+        let numbers = &numbers[at..at + WIDTH];
+        Eight(lanes!(i => numbers[i]))
     }
 
     #[inline(always)]

@@ -2,13 +2,14 @@
 //! of samples, each with the triangle on top there; or of what their corners see where those do not all see the pad.
 
 use super::desk::{Desk, Rectangle};
-use super::lanes::{Eight, Vectors, WIDTH};
+use super::lanes::{Eight, Vectors, WIDTH, lanes};
 use super::raster::corners;
+use super::shade::Own;
 use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
-/// Samples along the edge of a pixel over a crease.
-const GRID: usize = 4;
+/// Samples along the edge of a pixel over a fold.
+const GRID: usize = 8;
 /// Among corners that lie alike the nearest counts: what a pixel's square of distance is worth in the cosine.
 const NEARNESS: f32 = 0.01;
 /// Variance of the mean of that many samples as part of their own: of an edge they err by N^(-3/4).
@@ -30,7 +31,27 @@ pub struct Piece {
     triangle: u32,
     /// Its part of the pixel.
     part: f32,
+    /// The same place and its normal on the pad, and of which of the ways that a pixel faces it is.
+    point: Vec3,
+    normal: Vec3,
+    facet: usize,
 }
+
+impl Piece {
+    fn new(at: Vec2, value: f32, triangle: u32, part: f32) -> Self {
+        Self { at, value, triangle, part, point: Vec3::ZERO, normal: Vec3::Z, facet: 0 }
+    }
+}
+
+/// A way that a part of a pixel faces, by its largest piece.
+struct Facet {
+    normal: Vec3,
+    point: Vec3,
+    part: f32,
+}
+
+/// Pieces whose normals have a larger cosine face alike.
+const ALIKE: f32 = 0.8;
 
 /// Cuts the triangles of some quads at the edges of a pixel. False where they do not cover it once: where it shows a fold
 /// or a rim.
@@ -68,7 +89,7 @@ fn cut(vertices: &[Vec3], nx: usize, pixel: Vec2, quads: [usize; 4], pieces: &mu
         }
         if area.abs() > 1e-5 {
             let at = middle / area;
-            pieces.push(Piece { at, value: value_at(points, at), triangle, part: area.abs() });
+            pieces.push(Piece::new(at, value_at(points, at), triangle, area.abs()));
             whole += area.abs();
         }
     });
@@ -78,7 +99,7 @@ fn cut(vertices: &[Vec3], nx: usize, pixel: Vec2, quads: [usize; 4], pieces: &mu
 /// Pieces of a pixel cover it to this part.
 const COVERED: f32 = 2e-3;
 
-/// The triangles on top at a grid of samples.
+/// The triangles on top at a grid of samples, and how much of it each is.
 fn sample(vertices: &[Vec3], nx: usize, pixel: Vec2, quads: [usize; 4], pieces: &mut Vec<Piece>) {
     let place = |k: usize| Vec2::new((k % GRID) as f32 + 0.5, (k / GRID) as f32 + 0.5) / GRID as f32;
     let mut found = [(f32::NEG_INFINITY, u32::MAX); GRID * GRID];
@@ -96,10 +117,25 @@ fn sample(vertices: &[Vec3], nx: usize, pixel: Vec2, quads: [usize; 4], pieces: 
             }
         }
     });
+    // All samples of a triangle are one piece, in their middle.
     pieces.clear();
-    let part = 1.0 / (GRID * GRID) as f32;
-    let seen = found.iter().enumerate().filter(|(_, found)| found.1 != u32::MAX);
-    pieces.extend(seen.map(|(k, &(value, triangle))| Piece { at: place(k), value, triangle, part }));
+    for (k, &(value, triangle)) in found.iter().enumerate() {
+        if triangle == u32::MAX {
+            continue;
+        }
+        match pieces.iter_mut().find(|piece| piece.triangle == triangle) {
+            Some(piece) => {
+                (piece.at, piece.value) = (piece.at + place(k), piece.value + value);
+                piece.part += 1.0;
+            }
+            None => pieces.push(Piece::new(place(k), value, triangle, 1.0)),
+        }
+    }
+    for piece in pieces {
+        let share = 1.0 / piece.part;
+        (piece.at, piece.value) = (piece.at * share, piece.value * share);
+        piece.part *= 1.0 / (GRID * GRID) as f32;
+    }
 }
 
 /// Each triangle of some quads that may show in a pixel, relative to its corner.
@@ -169,8 +205,8 @@ impl Desk<'_> {
         })
     }
 
-    /// The mean over the pieces of triangles that a pixel shows. Horizons jump at a crease: each piece takes those of the
-    /// corner that lies most as it does.
+    /// The mean over the pieces of triangles that a pixel shows. Horizons jump at a crease: each piece has its own. Fields are
+    /// those of the corner that lies most as it does.
     fn pieced(
         &mut self,
         x: usize,
@@ -189,36 +225,58 @@ impl Desk<'_> {
         if !cut(frame.vertices, frame.nx, middle, [i0, i1, j0, j1], &mut pieces) {
             sample(frame.vertices, frame.nx, middle, [i0, i1, j0, j1], &mut pieces);
         }
-        // The light on each.
+        // Where each is, and what the pad hides from it: the same for all that face alike, as from the largest of them.
         let row = [once.view.row(y), once.view.row(y + 1)];
+        let mut facets: Vec<Facet> = Vec::new();
+        for piece in &mut pieces {
+            let at = piece.at;
+            let ray: [Vec3; 2] = std::array::from_fn(|k| {
+                let between = |row: &[[Vec3; 2]]| row[x][k].lerp(row[x + 1][k], at.x);
+                between(row[0]).lerp(between(row[1]), at.y)
+            });
+            piece.point = super::View::point(ray, piece.value);
+            piece.normal = frame.normal(piece.triangle);
+            let alike = |facet: &Facet| facet.normal.dot(piece.normal) > ALIKE;
+            piece.facet = facets.iter().position(alike).unwrap_or(facets.len());
+            let facet = Facet { normal: piece.normal, point: piece.point, part: piece.part };
+            match facets.get_mut(piece.facet) {
+                Some(largest) if largest.part < piece.part => *largest = facet,
+                Some(_) => {}
+                None => facets.push(facet),
+            }
+        }
+        let stride = frame.slots.stride();
+        let mut own = std::mem::take(&mut self.horizons);
+        own.resize(facets.len() * stride, 0.0);
+        for (node, facet) in own.chunks_exact_mut(stride).zip(&facets) {
+            frame.fill_horizons(facet.point, node);
+        }
+        // The light on each.
         let mut light = vec![Vec3::ZERO; films];
         let (mut squares, mut whole) = (Vec3::ZERO, 0.0f32);
         for batch in pieces.chunks(WIDTH) {
             let (mut points, mut normals) = (Vectors::all(Vec3::ZERO), Vectors::all(Vec3::Z));
             let mut albedos = [Vec3::ZERO; WIDTH];
             let mut corner = [0; WIDTH];
+            let mut starts = [batch[0].facet * stride; WIDTH];
             for (lane, piece) in batch.iter().enumerate() {
-                let at = piece.at;
-                let ray: [Vec3; 2] = std::array::from_fn(|k| {
-                    let between = |row: &[[Vec3; 2]]| row[x][k].lerp(row[x + 1][k], at.x);
-                    between(row[0]).lerp(between(row[1]), at.y)
-                });
-                let p = super::View::point(ray, piece.value);
-                let n = frame.normal(piece.triangle);
+                let (p, n) = (piece.point, piece.normal);
                 (points.x.0[lane], points.y.0[lane], points.z.0[lane]) = p.into();
                 (normals.x.0[lane], normals.y.0[lane], normals.z.0[lane]) = n.into();
                 albedos[lane] = frame.albedo_at(piece.triangle, p);
                 let like = |k: usize| {
-                    let far = at.distance_squared(Vec2::new((k % 2) as f32, (k / 2) as f32));
+                    let far = piece.at.distance_squared(Vec2::new((k % 2) as f32, (k / 2) as f32));
                     n.dot(corner_normals[k]) - NEARNESS * far
                 };
                 corner[lane] = (1..4).fold(0, |best, k| if like(k) > like(best) { k } else { best });
+                starts[lane] = piece.facet * stride;
             }
             let at = |k: usize, low: usize, high: usize| (k - low) as f32 / (high - low) as f32;
-            let u = Eight(std::array::from_fn(|k| at(x + corner[k] % 2, x0, x1)));
-            let v = Eight(std::array::from_fn(|k| at(y + corner[k] / 2, y0, y1)));
+            let u = Eight(lanes!(k => at(x + corner[k] % 2, x0, x1)));
+            let v = Eight(lanes!(k => at(y + corner[k] / 2, y0, y1)));
             self.sums.fill(Vectors::all(Vec3::ZERO));
-            self.block.light([u, v], points, normals, &once.radiances, true, &mut self.sums);
+            let horizons = Own { nodes: &own, at: starts };
+            self.block.light([u, v], points, normals, &once.radiances, Some(horizons), &mut self.sums);
             for (lane, piece) in batch.iter().enumerate() {
                 let pick = |v: &Vectors| Vec3::new(v.x.0[lane], v.y.0[lane], v.z.0[lane]);
                 let weight = piece.part * self.area(pick(&points), pick(&normals));
@@ -246,7 +304,7 @@ impl Desk<'_> {
                 whole += piece.part;
             }
         }
-        self.pieces = pieces;
+        (self.pieces, self.horizons) = (pieces, own);
         if whole <= 0.0 {
             self.cornered(x, y, [x0, y0, x1, y1]);
             return;
@@ -286,10 +344,20 @@ impl Desk<'_> {
         if albedos != [Vec3::ZERO; 4] {
             // Each corner with the light and the horizons where it stands.
             let at = |k: usize, low: usize, high: usize| ((k - low) as f32) / (high - low) as f32;
-            let u = Eight(std::array::from_fn(|k| at(x + k % 2, x0, x1)));
-            let v = Eight(std::array::from_fn(|k| at(y + k / 2 % 2, y0, y1)));
+            let u = Eight(lanes!(k => at(x + k % 2, x0, x1)));
+            let v = Eight(lanes!(k => at(y + k / 2 % 2, y0, y1)));
+            let (mut own, stride) = (std::mem::take(&mut self.horizons), self.frame.slots.stride());
+            own.resize(4 * stride, 0.0);
+            let mut starts = [0; WIDTH];
+            for (lane, node) in own.chunks_exact_mut(stride).take(4).enumerate() {
+                self.frame
+                    .fill_horizons(Vec3::new(points.x.0[lane], points.y.0[lane], points.z.0[lane]), node);
+                starts[lane] = lane * stride;
+            }
             self.sums.fill(Vectors::all(Vec3::ZERO));
-            self.block.light([u, v], points, normals, &once.radiances, true, &mut self.sums);
+            let horizons = Own { nodes: &own, at: starts };
+            self.block.light([u, v], points, normals, &once.radiances, Some(horizons), &mut self.sums);
+            self.horizons = own;
         }
         for (film, fixed) in fixed.iter().enumerate() {
             let mut light = Vec3::ZERO;

@@ -5,7 +5,7 @@ use super::bounce::Cell;
 use super::crease::Piece;
 use super::frame::{Frame, NODE_PX, Toward, uv};
 use super::horizon::slope_of;
-use super::lanes::{Eight, Mask, Vectors, WIDTH, Work};
+use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, lanes};
 use super::shade::Block;
 use super::slots::POSITION;
 use super::source::{COARSE, LINES};
@@ -54,8 +54,9 @@ pub struct Desk<'a> {
     /// Nodes of a block that is being divided, and its parts that wait.
     pub arena: Vec<f32>,
     pub waiting: Vec<(Rectangle, [usize; 4])>,
-    /// Of the pixel over a crease at hand.
+    /// Of the pixel over a crease at hand, and what its facets see of lights.
     pub pieces: Vec<Piece>,
+    pub horizons: Vec<f32>,
     pub cell_px: usize,
     pub cells: &'a mut [Cell],
     pub light: &'a mut [Vec3],
@@ -134,6 +135,7 @@ impl Work for Row<'_> {
             arena,
             waiting,
             pieces: Vec::new(),
+            horizons: Vec::new(),
             cell_px,
             cells,
             light,
@@ -321,14 +323,14 @@ impl Desk<'_> {
         let at_once = (WIDTH / columns).max(1);
         for top in (y0..y1).step_by(at_once) {
             let lanes = Lanes { x0, columns, top, count: columns * at_once.min(y1 - top) };
-            let u = Eight(std::array::from_fn(|i| ((i % columns) as f32 + 0.5) * scale[0]));
-            let v = Eight(std::array::from_fn(|i| ((top - y0 + i / columns) as f32 + 0.5) * scale[1]));
+            let u = Eight(lanes!(i => ((i % columns) as f32 + 0.5) * scale[0]));
+            let v = Eight(lanes!(i => ((top - y0 + i / columns) as f32 + 0.5) * scale[1]));
             let first = self.at(x0, top);
             let stride = self.stride;
             let read = |c: usize, step: usize| match columns == WIDTH {
-                true => Eight(std::array::from_fn(|i| self.points[c][first + step..first + step + WIDTH][i])),
+                true => Eight(lanes!(i => self.points[c][first + step..first + step + WIDTH][i])),
                 // (Beyond the last row of the block it reads that row.)
-                false => Eight(std::array::from_fn(|i| {
+                false => Eight(lanes!(i => {
                     let i = i.min(lanes.count - 1);
                     self.points[c][first + step + i / columns * stride + i % columns]
                 })),
@@ -342,8 +344,8 @@ impl Desk<'_> {
             let before = |k: usize| {
                 let back = first - k;
                 match columns == WIDTH {
-                    true => Eight(std::array::from_fn(|i| self.points[2][back..back + WIDTH][i])),
-                    false => Eight(std::array::from_fn(|i| {
+                    true => Eight(lanes!(i => self.points[2][back..back + WIDTH][i])),
+                    false => Eight(lanes!(i => {
                         let i = i.min(lanes.count - 1);
                         self.points[2][back + i / columns * stride + i % columns]
                     })),
@@ -361,7 +363,7 @@ impl Desk<'_> {
                 z: away.choose(-normal.z, normal.z),
             };
             self.sums.fill(Vectors::all(Vec3::ZERO));
-            self.block.light([u, v], point, normal, &self.frame.once.radiances, false, &mut self.sums);
+            self.block.light([u, v], point, normal, &self.frame.once.radiances, None, &mut self.sums);
             self.put(lanes);
             self.count(lanes, point, normal, steep);
             if uneven.any() {

@@ -8,6 +8,7 @@
 //! horizons; what returns is not hidden by the pad. Only for level faces: the normals of a curved one are not known well enough
 //! here to tell a press from the face itself.
 
+use super::exchange::{Exchange, Sparse};
 use super::grid::{Grid, Layout, Places};
 use super::probes::{self, NUMBERS, TERMS};
 use super::radiosity;
@@ -17,7 +18,7 @@ use crate::optics::sampler::{Sampler, hash};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
-use std::f32::consts::{FRAC_1_PI, PI, TAU};
+use std::f32::consts::{PI, TAU};
 
 /// Directions around in which cells send.
 pub const AROUND: usize = 16;
@@ -48,9 +49,11 @@ pub struct Echo {
     pub(super) ends: Vec<u16>,
     /// Where the answer is known.
     pub(super) places: Places,
-    /// By node, number and group.
+    /// By node, term, colour and group.
     pub(super) response: Vec<f32>,
     pub(super) groups: usize,
+    /// One where nothing has a colour, else three.
+    pub(super) colours: usize,
 }
 
 impl Echo {
@@ -136,8 +139,17 @@ impl Echo {
         }
         let group = |element: &u32| group_of.get(element).copied().unwrap_or(NOWHERE);
 
-        // How groups pass light on: parts of what each reflects, by group that it reaches.
-        let passed: Vec<(Vec<f32>, f32)> = members
+        // How groups pass light on, and what places see of them. Of so many groups a place sees few, and each sends to few.
+        let present = |row: &[f32]| -> Sparse {
+            let mut found = Vec::new();
+            for (k, value) in row.iter().enumerate() {
+                if *value != 0.0 {
+                    found.push((k as u32, *value));
+                }
+            }
+            found
+        };
+        let passed: Vec<(Sparse, f32)> = members
             .par_iter()
             .map(|members| {
                 let (mut parts, mut rays, mut area) = (vec![0.0f32; groups], 0, 0.0);
@@ -152,72 +164,30 @@ impl Echo {
                     }
                 }
                 parts.iter_mut().for_each(|part| *part /= rays.max(1) as f32);
-                (parts, area)
+                (present(&parts), area)
             })
             .collect();
-
-        // Of so many groups a place sees few, and each sends to few.
-        let present = |row: &[f32]| -> Vec<(u32, f32)> {
-            row.iter().enumerate().filter(|(_, v)| **v != 0.0).map(|(k, v)| (k as u32, *v)).collect()
-        };
-        let onward: Vec<Vec<(u32, f32)>> = passed.iter().map(|(parts, _)| present(parts)).collect();
-
-        // Radiance of each group for power 1 that arrives at another, and what of it reaches the nodes.
-        let albedos: Vec<Vec3> = members.iter().map(|m| world.element(m[0] as usize).0).collect();
-        let nodes = seen.len();
-        let mut gathered = vec![0.0f32; nodes * TERMS * groups];
-        for (out, seen) in gathered.chunks_exact_mut(TERMS * groups).zip(&seen) {
-            for (element, weights) in seen.iter().zip(&kernel) {
-                let to = group(element);
-                if to != NOWHERE {
-                    (0..TERMS).for_each(|term| out[term * groups + usize::from(to)] += weights[term]);
-                }
-            }
-        }
-        let rows: Vec<Vec<(u32, f32)>> = gathered.chunks_exact(groups).map(present).collect();
-        let columns: Vec<Vec<f32>> = (0..groups)
-            .into_par_iter()
-            .map(|from| {
-                let mut arrived = vec![Vec3::ZERO; groups];
-                arrived[from] = Vec3::ONE;
-                let mut total = arrived.clone();
-                for _ in 2..events {
-                    let mut next = vec![Vec3::ZERO; groups];
-                    for ((power, albedo), parts) in arrived.iter().zip(&albedos).zip(&onward) {
-                        if *power != Vec3::ZERO {
-                            let sent = *power * *albedo;
-                            for (to, part) in parts {
-                                next[*to as usize] += sent * *part;
-                            }
+        let (onward, areas) = passed.into_iter().unzip();
+        let albedos = members.iter().map(|m| world.element(m[0] as usize).0).collect();
+        let rows: Vec<Sparse> = seen
+            .par_iter()
+            .flat_map_iter(|seen| {
+                let mut gathered = vec![0.0f32; TERMS * groups];
+                for (element, weights) in seen.iter().zip(&kernel) {
+                    let to = usize::from(group(element));
+                    if to != usize::from(NOWHERE) {
+                        for term in 0..TERMS {
+                            gathered[term * groups + to] += weights[term];
                         }
                     }
-                    for (total, next) in total.iter_mut().zip(&next) {
-                        *total += *next;
-                    }
-                    arrived = next;
                 }
-                let radiances: Vec<Vec3> = total
-                    .iter()
-                    .zip(albedos.iter().zip(&passed))
-                    .map(|(power, (albedo, (_, area)))| *power * *albedo * (FRAC_1_PI / area.max(1e-6)))
-                    .collect();
-                let mut column = vec![0.0; nodes * NUMBERS];
-                for (k, row) in rows.iter().enumerate() {
-                    let mut sum = Vec3::ZERO;
-                    for (from, weight) in row {
-                        sum += radiances[*from as usize] * *weight;
-                    }
-                    column[3 * k..3 * k + 3].copy_from_slice(&sum.to_array());
-                }
-                column
+                gathered.chunks_exact(groups).map(present).collect::<Vec<_>>()
             })
             .collect();
-        let mut response = vec![0.0; nodes * NUMBERS * groups];
-        for (g, column) in columns.iter().enumerate() {
-            column.iter().enumerate().for_each(|(k, value)| response[k * groups + g] = *value);
-        }
+        let exchange = Exchange { onward, albedos, areas };
+        let response = exchange.seen(&rows, events - 1);
         let ends = met.iter().map(group).collect();
-        Some(Self { size, ends, places, response, groups })
+        Some(Self { size, ends, places, response, groups, colours: exchange.colours() })
     }
 
     /// The irradiance that comes back of what each cell sends in each direction (power, in units of mm^2).
@@ -228,13 +198,15 @@ impl Echo {
                 power[usize::from(*end)] += *sent * (1.0 / RAYS as f32);
             }
         }
-        let colours: [Vec<f32>; 3] = std::array::from_fn(|c| power.iter().map(|p| p[c]).collect());
+        let powers: [Vec<f32>; 3] = std::array::from_fn(|c| power.iter().map(|p| p[c]).collect());
+        let of_node = TERMS * self.colours * self.groups;
         let node = |response: &[f32]| -> [f32; NUMBERS] {
             std::array::from_fn(|k| {
-                let row = &response[k * self.groups..][..self.groups];
+                let row = k / 3 * self.colours + if self.colours == 1 { 0 } else { k % 3 };
+                let row = &response[row * self.groups..][..self.groups];
                 // Eight sums side by side.
                 let mut sums = [0.0f32; 8];
-                let (rows, powers) = (row.chunks_exact(8), colours[k % 3].chunks_exact(8));
+                let (rows, powers) = (row.chunks_exact(8), powers[k % 3].chunks_exact(8));
                 let rest: f32 = rows.remainder().iter().zip(powers.remainder()).map(|(a, b)| a * b).sum();
                 for (row, power) in rows.zip(powers) {
                     for lane in 0..8 {
@@ -244,7 +216,7 @@ impl Echo {
                 sums.iter().sum::<f32>() + rest
             })
         };
-        let values = self.response.par_chunks_exact(NUMBERS * self.groups).map(node).collect();
+        let values = self.response.par_chunks_exact(of_node).map(node).collect();
         Grid::from_values(self.places.clone(), values)
     }
 
@@ -252,7 +224,8 @@ impl Echo {
     pub fn fits(&self) -> bool {
         let cells = self.size[0] * self.size[1];
         self.ends.len() == cells * DIRECTIONS * RAYS
-            && self.response.len() == self.places.count() * NUMBERS * self.groups
+            && (self.colours == 1 || self.colours == 3)
+            && self.response.len() == self.places.count() * TERMS * self.colours * self.groups
             && self.ends.iter().all(|end| *end == NOWHERE || usize::from(*end) < self.groups)
     }
 }

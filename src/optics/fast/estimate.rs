@@ -1,15 +1,16 @@
 //! How much work a tolerance takes, and what error to expect of a picture.
 
 use super::frame::{self, Effort};
+use super::horizon::Heights;
 use super::{Renderer, Source};
 use crate::optics::Albedo;
 
 impl Effort {
-    /// What it takes (found by experiment on the scenes of the tests).
+    /// What it takes, as a rule (found by experiment on the scenes of the tests).
     pub(super) fn for_tolerance(tolerance: f64) -> Self {
         // Few pixels have a shadow's edge: there an error may be larger.
         let [shadow, field] = [8.0, 0.2].map(|part| part * tolerance as f32);
-        if tolerance >= 0.009 {
+        if tolerance >= COARSE {
             Self {
                 cell: 2.0,
                 block_mm: 0.26,
@@ -27,6 +28,12 @@ impl Effort {
         }
     }
 
+    /// What a picture takes whose error is above the tolerance at this effort; None where more would not make it smaller.
+    fn finer(self) -> Option<Self> {
+        let Self { bounce, thorough, shadow, field, .. } = self;
+        (!self.fine).then(|| Self { bounce, thorough, shadow, field, ..Self::for_tolerance(MIDDLE) })
+    }
+
     const FINEST: Self = Self {
         cell: 1.1,
         block_mm: 0.13,
@@ -39,6 +46,12 @@ impl Effort {
         thorough: false,
     };
 }
+
+/// From this tolerance on the least effort will do, as a rule, and a tolerance that takes more.
+const COARSE: f64 = 0.009;
+const MIDDLE: f64 = 0.005;
+/// A picture is rendered again where that takes its error to this part.
+const WORTHWHILE: f64 = 0.9;
 
 /// Error of a pad of one colour, and of a textured one, without anything of what follows.
 const BASE_ERROR: [f64; 2] = [0.002, 0.0025];
@@ -54,14 +67,43 @@ const BOUNCE_ERROR: f64 = 0.2;
 const ECHO_ERROR: f64 = 0.25;
 /// What steep flanks add, by the rms of |n - n0|^2 over the untouched normal n0: shadows' edges are interpolated between nodes.
 /// More so where bent horizons are not followed finely.
-const STEEP_ERROR: [f64; 2] = [0.04, 0.055];
+const STEEP_ERROR: [f64; 2] = [0.022, 0.055];
 
 impl Renderer<'_> {
+    /// The same pad, rendered otherwise.
+    fn with_effort(&self, effort: Effort) -> Self {
+        Self {
+            once: self.once,
+            mesh: self.mesh.clone(),
+            lattice: self.lattice,
+            albedo: self.albedo.clone(),
+            heights: Heights::of(&self.mesh, self.lattice, effort.cell),
+            effort,
+            tolerance: self.tolerance,
+        }
+    }
+
+    /// Renders more finely what is expected to be above the tolerance, where that helps: once at most, so that a picture takes
+    /// no more than about the time of two.
+    pub(super) fn within_tolerance(&self) -> (frame::Pictures, f64) {
+        let pictures = self.pictures(1);
+        let error = self.estimated_error(&pictures, &self.effort);
+        let finer = self.effort.finer().filter(|_| error > self.tolerance);
+        match finer.filter(|effort| self.estimated_error(&pictures, effort) < WORTHWHILE * error) {
+            Some(effort) => {
+                let pictures = self.with_effort(effort).pictures(1);
+                let error = self.estimated_error(&pictures, &effort);
+                (pictures, error)
+            }
+            None => (pictures, error),
+        }
+    }
+
     /// What relRMSE to expect. It follows from the picture itself: the light that flanks send each other is worked out with
     /// one bounce on a coarse raster, and a part of what that changed is taken for its error, as is a part of what walls
     /// give back; pixels over creases are means of a few pieces, and their variance tells the error of the mean. The constants were found by comparing
     /// with the reference (see the tests).
-    pub(super) fn estimated_error(&self, pictures: &frame::Pictures) -> f64 {
+    fn estimated_error(&self, pictures: &frame::Pictures, effort: &Effort) -> f64 {
         let film = &pictures.films[0];
         let n = (film.pixels.len() * 3) as f64;
         let mean = f64::from(film.mean().element_sum() / 3.0).max(1e-30);
@@ -69,10 +111,37 @@ impl Renderer<'_> {
         let spread = (pictures.spread / n).sqrt() / mean;
         let base = BASE_ERROR[usize::from(matches!(self.albedo, Albedo::Texture(_)))];
         let echo = ECHO_ERROR * pictures.echoed.sqrt();
-        let steep = STEEP_ERROR[usize::from(!self.effort.fine)] * pictures.steepness;
+        let steep = STEEP_ERROR[usize::from(!effort.fine)] * pictures.steepness;
         let plate = if self.once.view.slab.is_some() { PLATE_ERROR } else { 0.0 };
         let curved = if self.once.total.parts().0.is_curved() { CURVED_ERROR } else { 0.0 };
         let tube = if self.once.sources.iter().any(Source::is_tube) { TUBE_ERROR } else { 0.0 };
         [base, bounce, echo, spread, steep, plate, tube, curved].iter().map(|e| e * e).sum::<f64>().sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{ONCE, punch, scene};
+    use super::*;
+    use crate::optics::bench_scene::Variant;
+
+    #[test]
+    fn a_picture_above_its_tolerance_is_rendered_again_where_that_helps() {
+        let scene = scene(Variant::Ac, punch);
+        let at = |tolerance: f64| Renderer::new(&ONCE, &scene, tolerance).unwrap();
+        let estimated = |r: &Renderer| r.estimated_error(&r.pictures(1), &r.effort);
+        let coarse = at(0.0095);
+        let before = estimated(&coarse);
+        let (film, error) = coarse.render_with_error();
+        assert!(before > 0.0095 && error < 0.0095, "{before} {error}");
+        assert_ne!(film, coarse.pictures(1).films[0]);
+        // One that is within its tolerance, and one that more work makes no better, are left as they are.
+        for renderer in [at(1.1 * before), at(0.003)] {
+            assert_eq!(
+                renderer.render_with_error(),
+                (renderer.pictures(1).films.swap_remove(0), estimated(&renderer))
+            );
+        }
+        assert!(at(0.003).render_with_error().1 > 0.003);
     }
 }

@@ -22,8 +22,8 @@ pub fn veils(view: &View, slab: &Slab, world: &World, solved: &Radiosity) -> Vec
             let mut sums = vec![Vec3::ZERO; solved.lights];
             for (from, weight) in slab.mirrored(origin, direction) {
                 let Some(met) = world.trace(from + up * world.offset, up) else { continue };
-                for (sum, radiance) in sums.iter_mut().zip(solved.radiance(met.element)) {
-                    *sum += *radiance * weight;
+                for (light, sum) in sums.iter_mut().enumerate() {
+                    *sum += solved.radiance(met.element, light) * weight;
                 }
                 if let Some(light) = met.light.filter(|_| met.front) {
                     sums[light] += Vec3::splat(weight);

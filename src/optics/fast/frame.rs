@@ -422,6 +422,13 @@ impl Frame<'_> {
         }
     }
 
+    /// Fills a node with what the pad hides of lights at a point, and nothing else.
+    pub fn fill_horizons(&self, p: Vec3, node: &mut [f32]) {
+        for (l, source) in self.once.sources.iter().enumerate() {
+            self.horizons(l, p, &source.seen(p, self.once.view.slab.as_ref()), node);
+        }
+    }
+
     /// Fills a node's part on what the pad hides of a light, whose lines appear there.
     #[inline(always)]
     fn horizons(&self, l: usize, p: Vec3, lines: &[Line; LINES], node: &mut [f32]) {

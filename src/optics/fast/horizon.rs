@@ -4,7 +4,8 @@
 //! around each place, within twice the reach each, let a line of sight leap over what it cannot touch.
 
 use super::raster::Projected;
-use glam::{Vec2, Vec3};
+use crate::optics::Mesh;
+use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
 /// Fine cells in a coarse one, each way.
@@ -29,6 +30,13 @@ pub struct Heights {
 }
 
 impl Heights {
+    /// Looks at a pad from above, with cells of so many distances of its lattice's points.
+    pub fn of(mesh: &Mesh, lattice: [usize; 2], cell: f32) -> Self {
+        let p = &mesh.positions;
+        let spacing = (p[1] - p[0]).length().max((p[lattice[0]] - p[0]).length());
+        Self::new(p, lattice, (cell * spacing).clamp(0.03, 0.2))
+    }
+
     /// Looks at a lattice from above, with cells of about `cell` mm.
     pub fn new(positions: &[Vec3], lattice: [usize; 2], cell: f32) -> Self {
         let inf = Vec3::splat(f32::INFINITY);
@@ -106,7 +114,10 @@ impl Heights {
             // Within how many of the reaches nothing touches the line, which may fall.
             let fall = slope.min(0.0) * self.cell;
             let around = &self.around[j * self.coarse[0] + i];
-            let free: usize = (0..REACHES).map(|k| usize::from(around[k] <= line + fall * LEAP[k])).sum();
+            let mut free = 0;
+            for k in 0..REACHES {
+                free += usize::from(around[k] <= line + fall * LEAP[k]);
+            }
             if free > 0 {
                 t += LEAP[free - 1] * self.cell;
             } else {
@@ -199,25 +210,49 @@ fn around(z: &[f32], size: [usize; 2], coarse: [usize; 2]) -> Vec<[f32; REACHES]
     around
 }
 
-/// Mean height of the lattice's points by cell; None when a cell has none.
+/// Height at the middle of each cell, from the mean of the lattice's points in it and the slope to those of its neighbours; None
+/// when a cell has none. (Cells hold one or two points each way, in turns: their mean lies beside the middle, on a slope too
+/// high or too low.)
 fn binned(positions: &[Vec3], low: Vec2, cell: f32, size: [usize; 2]) -> Option<Vec<f32>> {
     let per_mm = 1.0 / cell;
+    let [nx, ny] = size;
+    // Offsets from the cell's middle, height and number.
     let part = |positions: &[Vec3]| {
-        let mut sums = vec![[0.0f32; 2]; size[0] * size[1]];
+        let mut sums = vec![Vec4::ZERO; nx * ny];
         for p in positions {
             let q = (p.truncate() - low) * per_mm;
-            let (i, j) = ((q.x as usize).min(size[0] - 1), (q.y as usize).min(size[1] - 1));
-            let sum = &mut sums[j * size[0] + i];
-            *sum = [sum[0] + p.z, sum[1] + 1.0];
+            let (i, j) = ((q.x as usize).min(nx - 1), (q.y as usize).min(ny - 1));
+            sums[j * nx + i] += Vec4::new(q.x - i as f32 - 0.5, q.y - j as f32 - 0.5, p.z, 1.0);
         }
         sums
     };
     let parts: Vec<_> = positions.par_chunks(positions.len().div_ceil(PARTS)).map(part).collect();
     let mean = |k: usize| {
-        let [sum, count] = parts.iter().fold([0.0; 2], |[s, n], part| [s + part[k][0], n + part[k][1]]);
-        sum / count
+        let mut sum = Vec4::ZERO;
+        for part in &parts {
+            sum += part[k];
+        }
+        sum / sum.w
     };
-    let z: Vec<f32> = (0..size[0] * size[1]).into_par_iter().with_min_len(8192).map(mean).collect();
+    let means: Vec<Vec4> = (0..nx * ny).into_par_iter().with_min_len(8192).map(mean).collect();
+    let middle = |k: usize| {
+        let mean = means[k];
+        let mut z = mean.z;
+        for (axis, step, at, n) in [(0, 1, k % nx, nx), (1, nx, k / nx, ny)] {
+            if at == 0 || at + 1 == n {
+                continue;
+            }
+            // The lesser of the slopes to both sides, so that what lies beyond an edge does not count.
+            let (before, after) = (means[k - step], means[k + step]);
+            let rise = |a: Vec4, b: Vec4| (b.z - a.z) / (b[axis] + 1.0 - a[axis]).max(0.5);
+            let (left, right) = (rise(before, mean), rise(mean, after));
+            if left * right > 0.0 {
+                z -= mean[axis] * if left.abs() < right.abs() { left } else { right };
+            }
+        }
+        z
+    };
+    let z: Vec<f32> = (0..nx * ny).into_par_iter().with_min_len(8192).map(middle).collect();
     // Nothing over nothing where a cell has no point.
     z.iter().all(|z| !z.is_nan()).then_some(z)
 }

@@ -4,8 +4,49 @@
 //! function it is inlined into; [`with_widest`] calls it inside a function that has them switched on. Nothing is
 //! fused or reassociated, so every machine computes the same numbers.
 
-use std::array::from_fn;
 use std::ops::{Add, Mul, Neg, Sub};
+
+/// Eight values of an expression of a lane's number. (Written out, so that it is fast without an optimiser's help, too: closures
+/// and iterators are calls in builds for tests.)
+macro_rules! lanes {
+    ($i:ident => $value:expr) => {
+        [
+            {
+                let $i = 0;
+                $value
+            },
+            {
+                let $i = 1;
+                $value
+            },
+            {
+                let $i = 2;
+                $value
+            },
+            {
+                let $i = 3;
+                $value
+            },
+            {
+                let $i = 4;
+                $value
+            },
+            {
+                let $i = 5;
+                $value
+            },
+            {
+                let $i = 6;
+                $value
+            },
+            {
+                let $i = 7;
+                $value
+            },
+        ]
+    };
+}
+pub(super) use lanes;
 
 /// How many.
 pub const WIDTH: usize = 8;
@@ -26,40 +67,34 @@ impl Eight {
         Self([value; WIDTH])
     }
 
-    /// Lane by lane.
-    #[inline(always)]
-    fn zip(self, b: Self, f: impl Fn(f32, f32) -> f32) -> Self {
-        Self(from_fn(|i| f(self.0[i], b.0[i])))
-    }
-
     /// The larger of each pair.
     #[inline(always)]
     pub fn max(self, b: Self) -> Self {
-        self.zip(b, |x, y| if x > y { x } else { y })
+        Self(lanes!(i => if self.0[i] > b.0[i] { self.0[i] } else { b.0[i] }))
     }
 
     /// The smaller of each pair.
     #[inline(always)]
     pub fn min(self, b: Self) -> Self {
-        self.zip(b, |x, y| if x < y { x } else { y })
+        Self(lanes!(i => if self.0[i] < b.0[i] { self.0[i] } else { b.0[i] }))
     }
 
     /// Quotients.
     #[inline(always)]
     pub fn over(self, b: Self) -> Self {
-        self.zip(b, |x, y| x / y)
+        Self(lanes!(i => self.0[i] / b.0[i]))
     }
 
     /// Square roots.
     #[inline(always)]
     pub fn sqrt(self) -> Self {
-        Self(from_fn(|i| self.0[i].sqrt()))
+        Self(lanes!(i => self.0[i].sqrt()))
     }
 
     /// Magnitudes.
     #[inline(always)]
     pub fn abs(self) -> Self {
-        Self(from_fn(|i| self.0[i].abs()))
+        Self(lanes!(i => self.0[i].abs()))
     }
 
     /// Arc tangents, to 2e-8 (Abramowitz and Stegun 4.4.49, and its complement beyond 1).
@@ -81,7 +116,7 @@ impl Eight {
         let far = one.below(size);
         let x = far.choose(one.over(size), size);
         let x2 = x * x;
-        let sum = TERMS.iter().rev().fold(zero, |sum, &term| sum * x2 + Self::all(term)) * x;
+        let sum = polynomial(&TERMS, x2) * x;
         let angle = far.choose(Self::all(std::f32::consts::FRAC_PI_2) - sum, sum);
         self.below(zero).choose(-angle, angle)
     }
@@ -89,21 +124,34 @@ impl Eight {
     /// Which are below the other's.
     #[inline(always)]
     pub fn below(self, b: Self) -> Mask {
-        Mask(from_fn(|i| self.0[i] < b.0[i]))
+        Mask(lanes!(i => self.0[i] < b.0[i]))
     }
+}
+
+/// A polynomial by its coefficients, the lowest first.
+#[inline(always)]
+pub fn polynomial<const N: usize>(coefficients: &[f32; N], x: Eight) -> Eight {
+    let mut k = N - 1;
+    let mut sum = Eight::all(coefficients[k]);
+    while k > 0 {
+        k -= 1;
+        sum = sum * x + Eight::all(coefficients[k]);
+    }
+    sum
 }
 
 impl Mask {
     /// Whether any is set.
     #[inline(always)]
     pub fn any(self) -> bool {
-        self.0.iter().fold(false, |any, &lane| any | lane)
+        let m = &self.0;
+        (m[0] | m[1] | m[2] | m[3]) | (m[4] | m[5] | m[6] | m[7])
     }
 
     /// Those of both.
     #[inline(always)]
     pub fn or(self, b: Self) -> Self {
-        Self(from_fn(|i| self.0[i] | b.0[i]))
+        Self(lanes!(i => self.0[i] | b.0[i]))
     }
 
     /// Whether lane `i` is set.
@@ -121,7 +169,7 @@ impl Mask {
     /// Where set `a`, else `b`.
     #[inline(always)]
     pub fn choose(self, a: Eight, b: Eight) -> Eight {
-        Eight(from_fn(|i| if self.0[i] { a.0[i] } else { b.0[i] }))
+        Eight(lanes!(i => if self.0[i] { a.0[i] } else { b.0[i] }))
     }
 }
 
@@ -129,7 +177,7 @@ impl Add for Eight {
     type Output = Self;
     #[inline(always)]
     fn add(self, b: Self) -> Self {
-        self.zip(b, |x, y| x + y)
+        Self(lanes!(i => self.0[i] + b.0[i]))
     }
 }
 
@@ -137,7 +185,7 @@ impl Sub for Eight {
     type Output = Self;
     #[inline(always)]
     fn sub(self, b: Self) -> Self {
-        self.zip(b, |x, y| x - y)
+        Self(lanes!(i => self.0[i] - b.0[i]))
     }
 }
 
@@ -145,7 +193,7 @@ impl Mul for Eight {
     type Output = Self;
     #[inline(always)]
     fn mul(self, b: Self) -> Self {
-        self.zip(b, |x, y| x * y)
+        Self(lanes!(i => self.0[i] * b.0[i]))
     }
 }
 
@@ -153,7 +201,7 @@ impl Neg for Eight {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        Self(self.0.map(|x| -x))
+        Self(lanes!(i => -self.0[i]))
     }
 }
 
@@ -200,7 +248,7 @@ impl Vectors {
     /// Sums over the eight, by component.
     #[inline(always)]
     pub fn sums(self) -> glam::Vec3 {
-        let sum = |e: Eight| e.0.iter().sum::<f32>();
+        let sum = |e: Eight| e.0[0] + e.0[1] + e.0[2] + e.0[3] + e.0[4] + e.0[5] + e.0[6] + e.0[7];
         glam::Vec3::new(sum(self.x), sum(self.y), sum(self.z))
     }
 

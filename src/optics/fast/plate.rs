@@ -10,7 +10,7 @@ use crate::optics::{Error, Material, Mesh, Role, Scene};
 use glam::{Vec2, Vec3};
 
 /// Orders of inner reflection that are followed.
-const ORDERS: usize = 4;
+pub const ORDERS: usize = 4;
 
 /// A plate of infinite width.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -153,11 +153,6 @@ impl Slab {
         let transmitted = (1.0 - face) * (1.0 - face) * face.powi(2 * order as i32);
         let ahead = if r > 0.0 { flat / r } else { Vec2::X };
         Sighted { offset: (ahead * x).extend(1.0), transmitted }
-    }
-
-    /// The orders worth following.
-    pub fn orders() -> std::ops::Range<usize> {
-        0..ORDERS
     }
 
     /// Whether the point is below the plate.

@@ -9,7 +9,7 @@ use super::lanes::{Eight, Vectors};
 use super::radiosity::Radiosity;
 use super::world::World;
 use crate::optics::sampler::hash;
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
 /// Terms of the polynomial.
@@ -92,18 +92,31 @@ pub fn gather(
         .map(|node| {
             let origin = places.point(node) + Vec3::Z * clearance(places.is_curved());
             let mut numbers = vec![[0.0; NUMBERS]; solved.lights];
+            // By term.
+            let mut sums = vec![Vec4::ZERO; TERMS * solved.vectors];
             for (k, (direction, weights)) in directions.iter().zip(&kernel).enumerate() {
                 let mut dice = hash(node as u32, k as u32);
                 let Some((met, clear)) = world.follow(origin, *direction, &mut dice) else { continue };
                 // A light below the plate is mirrored in it; one above is seen through it, which is direct light.
-                if let Some(light) = met.light.filter(|_| clear && met.front && world.below(met.hit.point)) {
-                    (0..NUMBERS).for_each(|j| numbers[light][j] += weights[j / 3]);
+                if let Some(light) = met.light
+                    && (clear && met.front && world.below(met.hit.point))
+                {
+                    for (k, number) in numbers[light].iter_mut().enumerate() {
+                        *number += weights[k / 3];
+                    }
                 }
-                for (numbers, radiance) in numbers.iter_mut().zip(solved.radiance(met.element)) {
-                    for k in 0..TERMS {
-                        numbers[3 * k] += weights[k] * radiance.x;
-                        numbers[3 * k + 1] += weights[k] * radiance.y;
-                        numbers[3 * k + 2] += weights[k] * radiance.z;
+                let radiances = solved.radiances(met.element);
+                for (sums, weight) in sums.chunks_exact_mut(radiances.len()).zip(weights) {
+                    for (sum, radiance) in sums.iter_mut().zip(radiances) {
+                        *sum += *radiance * *weight;
+                    }
+                }
+            }
+            for (light, numbers) in numbers.iter_mut().enumerate() {
+                for term in 0..TERMS {
+                    let sum = solved.of_light(&sums[term * solved.vectors..], light);
+                    for colour in 0..3 {
+                        numbers[3 * term + colour] += sum[colour];
                     }
                 }
             }

@@ -7,24 +7,29 @@
 use super::source::Lamp;
 use super::world::World;
 use crate::optics::sampler::{Sampler, hash};
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
-/// Rays of an element; their errors average out over the many elements that a probe sees.
-const RAYS: u32 = 256;
+/// Rays of an element without and with clear bodies, at which chance splits them; their errors average out over the many
+/// elements that a probe sees (with four times the rays a picture changes by 0.02 % of its mean and 0.25 %).
+const RAYS: [u32; 2] = [64, 256];
 /// Points at which an element's direct light is taken.
 const POINTS: u32 = 16;
 
-/// What each element sends out, for each light of radiance 1.
+/// What each element sends out, for each light of radiance 1. Lights and their colours stand side by side, four at a time.
 #[derive(Debug, Clone)]
 pub struct Radiosity {
     /// How many lights.
     pub lights: usize,
-    /// By element and light: radiance of the diffuse reflection, the light's own emission excepted.
-    radiance: Vec<Vec3>,
+    /// Numbers of a light: one where nothing has a colour, else three.
+    colours: usize,
+    /// Vectors of an element.
+    pub vectors: usize,
+    /// By element: radiance of the diffuse reflection, the light's own emission excepted.
+    radiance: Vec<Vec4>,
     /// The part of it that came straight from the lights.
-    straight: Vec<Vec3>,
+    straight: Vec<Vec4>,
 }
 
 impl Radiosity {
@@ -49,43 +54,65 @@ impl Radiosity {
                 }
             }
         }
-        let reflected = |k: usize, l: usize| world.element(k).0 * (direct[k * lights + l] * FRAC_1_PI);
-        let straight: Vec<Vec3> = (0..n * lights).map(|i| reflected(i / lights, i % lights)).collect();
-        let mut radiance = vec![Vec3::ZERO; n * lights];
-        for bounce in 0..events {
-            if bounce == 0 {
-                radiance = straight.clone();
-                continue;
+        let albedos: Vec<Vec3> = (0..n).map(|k| world.element(k).0).collect();
+        let colours = if albedos.iter().all(|a| a.x == a.y && a.y == a.z) { 1 } else { 3 };
+        let vectors = (lights * colours).div_ceil(4);
+        let mut straight = vec![Vec4::ZERO; n * vectors];
+        // By element, for all its numbers.
+        let mut reflectances = straight.clone();
+        for (k, albedo) in albedos.iter().enumerate() {
+            for number in 0..lights * colours {
+                let (at, lane) = (k * vectors + number / 4, number % 4);
+                let (light, colour) = (number / colours, number % colours);
+                reflectances[at][lane] = albedo[colour];
+                straight[at][lane] = albedo[colour] * direct[k * lights + light] * FRAC_1_PI;
             }
-            let before = &radiance;
-            radiance = (0..n)
-                .into_par_iter()
-                .flat_map_iter(|k| {
-                    let mut sums = straight[k * lights..(k + 1) * lights].to_vec();
-                    let scale = world.element(k).0 / rows[k].len().max(1) as f32;
-                    for &met in rows[k].iter().filter(|&&met| met != NOTHING) {
-                        let met = (met & !LIT) as usize * lights;
-                        for (sum, sent) in sums.iter_mut().zip(&before[met..met + lights]) {
-                            *sum += scale * *sent;
+        }
+        let mut radiance = if events > 0 { straight.clone() } else { vec![Vec4::ZERO; n * vectors] };
+        for _ in 1..events {
+            let before = radiance;
+            radiance = straight.clone();
+            radiance.par_chunks_mut(vectors).zip(&rows).enumerate().for_each(|(k, (sums, row))| {
+                let reflectances = &reflectances[k * vectors..][..vectors];
+                let share = 1.0 / row.len().max(1) as f32;
+                for (v, sum) in sums.iter_mut().enumerate() {
+                    let mut arrived = Vec4::ZERO;
+                    for &met in row {
+                        if met != NOTHING {
+                            arrived += before[(met & !LIT) as usize * vectors + v];
                         }
                     }
-                    sums
-                })
-                .collect();
+                    *sum += arrived * reflectances[v] * share;
+                }
+            });
         }
-        Self { lights, radiance, straight }
+        Self { lights, colours, vectors, radiance, straight }
     }
 
-    /// Radiance of an element, by light.
+    /// Radiance of an element in numbers side by side.
     #[inline(always)]
-    pub fn radiance(&self, element: usize) -> &[Vec3] {
-        &self.radiance[element * self.lights..(element + 1) * self.lights]
+    pub fn radiances(&self, element: usize) -> &[Vec4] {
+        &self.radiance[element * self.vectors..][..self.vectors]
+    }
+
+    /// What numbers side by side tell of a light.
+    pub fn of_light(&self, numbers: &[Vec4], light: usize) -> Vec3 {
+        let number = |colour: usize| {
+            let number = light * self.colours + if self.colours == 1 { 0 } else { colour };
+            numbers[number / 4][number % 4]
+        };
+        Vec3::new(number(0), number(1), number(2))
+    }
+
+    /// Radiance of an element in a light.
+    pub fn radiance(&self, element: usize, light: usize) -> Vec3 {
+        self.of_light(self.radiances(element), light)
     }
 
     /// The same for light that was scattered before.
     pub fn direct_free(&self, element: usize, light: usize) -> Vec3 {
-        let k = element * self.lights + light;
-        (self.radiance[k] - self.straight[k]).max(Vec3::ZERO)
+        let straight = self.of_light(&self.straight[element * self.vectors..][..self.vectors], light);
+        (self.radiance(element, light) - straight).max(Vec3::ZERO)
     }
 }
 
@@ -119,7 +146,7 @@ fn covered(world: &World, point: Vec3, normal: Vec3) -> bool {
 const COVER: f32 = 200.0;
 
 fn row(world: &World, element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec<u32> {
-    met_by(world, element, RAYS, buried)
+    met_by(world, element, RAYS[usize::from(world.has_clear())], buried)
 }
 
 /// The element that a ray met, of what [`met_by`] tells; one that is none where it met nothing.
@@ -203,7 +230,7 @@ mod tests {
             let (point, normal) = world.point(k, [0.3, 0.3]);
             // Equal patches: the mean over the inside of the room.
             if point.abs().max_element() > 4.995 && normal.dot(point) < 0.0 {
-                sent += solved.radiance(k)[0].x;
+                sent += solved.radiance(k, 0).x;
             }
         }
         let patches = 12.0 * f32::powi((10.0_f32 / 1.1).ceil(), 2);

@@ -7,7 +7,7 @@ use crate::optics::{Albedo, Material, Mesh, Role, Scene};
 use glam::{Vec2, Vec3};
 
 /// Changes whenever tables of the same scene would be worked out differently, or are written differently.
-const FORMAT: u32 = 6;
+const FORMAT: u32 = 7;
 
 /// The hash of everything that the tables follow from.
 pub fn key(scene: &Scene) -> [u8; 32] {
@@ -86,7 +86,10 @@ pub fn encode(tables: &Tables) -> Vec<u8> {
     }
     if let Some(echo) = &tables.echo {
         let (numbers, nodes, rest) = echo.places.parts();
-        words(&mut out, &mut [echo.size[0], echo.size[1], echo.groups].into_iter().map(|n| n as f32));
+        words(
+            &mut out,
+            &mut [echo.size[0], echo.size[1], echo.groups, echo.colours].into_iter().map(|n| n as f32),
+        );
         words(&mut out, &mut echo.ends.iter().map(|end| f32::from(*end)));
         words(&mut out, &mut numbers.into_iter());
         words(&mut out, &mut nodes.into_iter().map(|n| n as f32));
@@ -134,10 +137,11 @@ impl Reader<'_> {
     }
 
     fn echo(&mut self) -> Option<Echo> {
-        let [nx, ny, groups] = self.words()?[..] else { return None };
+        let numbers: [f32; 4] = self.words()?.try_into().ok()?;
+        let [nx, ny, groups, colours] = numbers.map(|n| n as usize);
         let ends = self.words()?.iter().map(|end| *end as u16).collect();
         let (places, response) = (self.places()?, self.words()?);
-        let echo = Echo { size: [nx as usize, ny as usize], ends, places, response, groups: groups as usize };
+        let echo = Echo { size: [nx, ny], ends, places, response, groups, colours };
         echo.fits().then_some(echo)
     }
 

@@ -4,7 +4,7 @@
 //! comes in at the end. Near a light, and where a block is bent, its field is worked out at each pixel. What is hidden of a
 //! light is taken off as the irradiance of the ribbon below the cut.
 
-use super::lanes::{Eight, Vectors};
+use super::lanes::{Eight, Vectors, WIDTH, lanes};
 use super::probes;
 use super::slots::{POSITION, Slots};
 use super::source::{COARSE, KEPT, LINES, Line, Source};
@@ -30,6 +30,15 @@ pub struct Block<'a> {
     exact: Vec<bool>,
     /// By light: what its irradiance counts for, as part of what may be wrong.
     weights: Vec<f32>,
+}
+
+/// What the pad hides of lights at eight points, where it is not interpolated.
+#[derive(Debug, Clone, Copy)]
+pub struct Own<'a> {
+    /// Nodes, of which horizons alone are filled.
+    pub nodes: &'a [f32],
+    /// Where the node of each point starts.
+    pub at: [usize; WIDTH],
 }
 
 #[inline(always)]
@@ -81,13 +90,7 @@ impl<'a> Block<'a> {
             let flag = self.slots.light(l);
             let most = [a, b, c, d].iter().fold(0.0f32, |most, n| most.max(n[flag]));
             *hidden = self.thorough || most > 0.0;
-            // A plane cuts a rectangle along a straight line, a horizon does not; round lights have no straight edge.
-            *step = match self.sources[l].is_fixed() && !self.thorough {
-                true if most == 0.0 => COARSE,
-                true if most == 1.0 => COARSE / 2,
-                _ if most <= 2.0 && !self.thorough => KEPT,
-                _ => 1,
-            };
+            *step = step_of(&self.sources[l], most, self.thorough);
         }
         let [p, q, r] = [a, d, b].map(|n| Vec3::from_slice(&n[POSITION..]));
         let (middle, size2) = ((p + q) * 0.5, (q - p).length_squared().max((r - p).length_squared()));
@@ -105,8 +108,8 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// Adds the irradiance on eight points at (u, v) of the block with unit normals, one picture after the other. If `exact`,
-    /// no light's field is interpolated that has a closed form.
+    /// Adds the irradiance on eight points at (u, v) of the block with unit normals, one picture after the other. With horizons
+    /// of their `own`, no light's field is interpolated that has a closed form.
     #[inline(always)]
     pub fn light(
         &self,
@@ -114,18 +117,28 @@ impl<'a> Block<'a> {
         points: Vectors,
         normals: Vectors,
         radiances: &[Vec3],
-        exact: bool,
+        own: Option<Own<'_>>,
         sums: &mut [Vectors],
     ) {
         let many = self.slots.films > 1;
         for l in 0..self.sources.len() {
             let phi = match &self.closed[l] {
-                Some(corners) if exact || self.exact[l] => quadrilateral(corners, points),
+                Some(corners) if own.is_some() || self.exact[l] => quadrilateral(corners, points),
                 _ => vectors_at(&self.coefficients[self.slots.direct(l)..], u, v),
             };
             let mut e = phi.dot(normals);
-            if self.hidden[l] || self.dips(l, [u, v], points, normals) {
-                e = e - self.taken(l, [u, v], points, normals);
+            let (hidden, step) = match own {
+                None => (self.hidden[l], self.step[l]),
+                Some(own) => {
+                    let mut most = 0.0f32;
+                    for at in own.at {
+                        most = most.max(own.nodes[at + self.slots.light(l)]);
+                    }
+                    (self.thorough || most > 0.0, step_of(&self.sources[l], most, self.thorough))
+                }
+            };
+            if hidden || self.dips(l, [u, v], points, normals) {
+                e = e - self.taken(l, [u, v], points, normals, (hidden, step, own));
             }
             let e = e.max(Eight::all(0.0));
             if many {
@@ -182,23 +195,32 @@ impl<'a> Block<'a> {
 
     /// Irradiance of what is hidden.
     #[inline(always)]
-    fn taken(&self, l: usize, uv: [Eight; 2], points: Vectors, normals: Vectors) -> Eight {
+    fn taken(
+        &self,
+        l: usize,
+        uv: [Eight; 2],
+        points: Vectors,
+        normals: Vectors,
+        (hidden, step, own): (bool, usize, Option<Own<'_>>),
+    ) -> Eight {
         let [u, v] = uv;
         let (zero, one) = (Eight::all(0.0), Eight::all(1.0));
         let horizons = self.slots.horizons(l);
         let mut lows = [Vectors::all(Vec3::ZERO); LINES];
         let mut cuts = lows;
-        let step = self.step[l];
         for k in (0..LINES).step_by(step) {
             let (low, high) = (self.end(l, k, 0, uv, points), self.end(l, k, 1, uv, points));
             // The part of the line below the surface's own plane...
-            let own = part_below(low.dot(normals), high.dot(normals));
+            let dipped = part_below(low.dot(normals), high.dot(normals));
             // ...and below the pad's horizon.
             // (Heights over it, times 1 - |squeezed|.)
-            let slope = at(&self.coefficients[horizons + k], u, v);
+            let slope = match own {
+                None => at(&self.coefficients[horizons + k], u, v),
+                Some(own) => Eight(lanes!(i => own.nodes[own.at[i] + horizons + k])),
+            };
             let scale = one - slope.abs();
             let over = |q: Vectors| q.z * scale - slope * (q.x * q.x + q.y * q.y).sqrt();
-            let part = if self.hidden[l] { own.max(part_below(over(low), over(high))) } else { own };
+            let part = if hidden { dipped.max(part_below(over(low), over(high))) } else { dipped };
             let part = part.max(zero).min(one);
             lows[k] = low.unit();
             cuts[k] = (low + (high - low).scaled(part)).unit();
@@ -209,6 +231,18 @@ impl<'a> Block<'a> {
         }
         let gain = at(&self.coefficients[self.slots.gain(l)], u, v);
         sum.dot(normals) * Eight::all(-0.5) * gain
+    }
+}
+
+/// Of how many lines of a light one is taken, for the largest flag of the nodes.
+#[inline(always)]
+fn step_of(source: &Source, most: f32, thorough: bool) -> usize {
+    // A plane cuts a rectangle along a straight line, a horizon does not; round lights have no straight edge.
+    match source.is_fixed() && !thorough {
+        true if most == 0.0 => COARSE,
+        true if most == 1.0 => COARSE / 2,
+        _ if most <= 2.0 && !thorough => KEPT,
+        _ => 1,
     }
 }
 

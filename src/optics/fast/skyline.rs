@@ -10,7 +10,7 @@ use super::probes;
 use super::radiosity::Radiosity;
 use super::world::World;
 use crate::optics::sampler::{Sampler, hash};
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
 /// Numbers of a node: three colours of each direction.
@@ -38,19 +38,22 @@ pub fn gather(
             let origin = places.point(node) + Vec3::Z * probes::clearance(places.is_curved());
             let sampler = Sampler::new(0x5c1e, node as u32, 0, RAYS);
             let mut numbers = vec![[0.0; NUMBERS]; solved.lights];
+            let mut sums = vec![Vec4::ZERO; solved.vectors];
             for direction in 0..DIRECTIONS {
+                sums.fill(Vec4::ZERO);
                 for ray in 0..RAYS {
                     let [a, b, ..] = sampler.group(ray, direction as u32);
                     let mut dice = hash(node as u32, direction as u32 * RAYS + ray);
                     let Some((met, _)) = world.follow(origin, towards(direction, a, b), &mut dice) else {
                         continue;
                     };
-                    for (numbers, radiance) in numbers.iter_mut().zip(solved.radiance(met.element)) {
-                        let radiance = *radiance / RAYS as f32;
-                        numbers[3 * direction] += radiance.x;
-                        numbers[3 * direction + 1] += radiance.y;
-                        numbers[3 * direction + 2] += radiance.z;
+                    for (sum, radiance) in sums.iter_mut().zip(solved.radiances(met.element)) {
+                        *sum += *radiance;
                     }
+                }
+                for (light, numbers) in numbers.iter_mut().enumerate() {
+                    let mean = solved.of_light(&sums, light) / RAYS as f32;
+                    numbers[3 * direction..][..3].copy_from_slice(&mean.to_array());
                 }
             }
             numbers

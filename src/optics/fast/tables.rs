@@ -4,8 +4,8 @@
 //! which is a polygon of its own with one profile and one transmittance, for every order of reflection in a plate.
 
 use super::grid::{Grid, Layout};
-use super::plate::Slab;
-use super::source::Source;
+use super::plate::{ORDERS, Slab};
+use super::source::{Line, Source};
 use super::vector::irradiance;
 use glam::{Vec2, Vec3};
 
@@ -35,27 +35,49 @@ pub fn arriving(source: &Source, slab: Option<&Slab>, point: Vec3) -> Vec3 {
     if let (None, Some(corners)) = (slab, source.corners()) {
         return irradiance(&corners.map(|c| c - point));
     }
+    let slab = slab.filter(|slab| slab.covers(point) && source.line(0, ALONG, point)[0].z > slab.high);
     let mut sum = Vec3::ZERO;
-    let mut before = source.line(0, ALONG, point);
+    let mut before = Points::new(source.line(0, ALONG, point), point, slab);
     for k in 1..=ALONG {
-        let line = source.line(k, ALONG, point);
+        let now = Points::new(source.line(k, ALONG, point), point, slab);
         for j in 0..UP {
-            let up = |[low, high]: [Vec3; 2], j: usize| low.lerp(high, j as f32 / UP as f32);
-            let corners = [up(before, j), up(line, j), up(line, j + 1), up(before, j + 1)];
+            let corners = [before.at[j], now.at[j], now.at[j + 1], before.at[j + 1]];
             let middle = 0.25 * corners.iter().sum::<Vec3>();
             let profile = source.profile(middle, point);
-            match slab.filter(|slab| slab.covers(point) && middle.z > slab.high) {
-                Some(slab) => {
-                    for order in Slab::orders() {
-                        let transmitted = slab.sighted(point, middle, order).transmitted;
-                        let seen = corners.map(|c| slab.sighted(point, c, order).offset);
-                        sum += irradiance(&seen) * (profile * transmitted);
-                    }
-                }
-                None => sum += irradiance(&corners.map(|c| c - point)) * profile,
+            let Some(slab) = slab else {
+                sum += irradiance(&corners.map(|c| c - point)) * profile;
+                continue;
+            };
+            for (order, (before, now)) in before.seen.iter().zip(&now.seen).enumerate() {
+                let transmitted = slab.sighted(point, middle, order).transmitted;
+                sum += irradiance(&[before[j], now[j], now[j + 1], before[j + 1]]) * (profile * transmitted);
             }
         }
-        before = line;
+        before = now;
     }
     sum
+}
+
+/// Points of a line of a light.
+struct Points {
+    at: [Vec3; UP + 1],
+    /// Where they are seen through a plate, by order.
+    seen: [[Vec3; UP + 1]; ORDERS],
+}
+
+impl Points {
+    fn new([low, high]: Line, from: Vec3, slab: Option<&Slab>) -> Self {
+        let mut points = Self { at: [low; UP + 1], seen: [[Vec3::ZERO; UP + 1]; ORDERS] };
+        for (j, at) in points.at.iter_mut().enumerate() {
+            *at = low.lerp(high, j as f32 / UP as f32);
+        }
+        if let Some(slab) = slab {
+            for (order, seen) in points.seen.iter_mut().enumerate() {
+                for (seen, at) in seen.iter_mut().zip(&points.at) {
+                    *seen = slab.sighted(from, *at, order).offset;
+                }
+            }
+        }
+        points
+    }
 }

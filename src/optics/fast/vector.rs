@@ -5,7 +5,7 @@
 //! polyhedral sources", eq. 3). For a receiver above whose horizon the whole polygon lies, E = Phi . n: the normal
 //! comes in at the end, and Phi is a smooth field over space that can be tabulated once.
 
-use super::lanes::{Eight, Vectors};
+use super::lanes::{Eight, Vectors, polynomial};
 use glam::Vec3;
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -31,7 +31,9 @@ pub fn edge(a: Vec3, b: Vec3) -> Vec3 {
     let cross = a.cross(b);
     let c = a.dot(b);
     let x = c.abs().min(1.0);
-    let factor = A.iter().rev().fold(0.0, |sum, a| sum * x + a) / (1.0 + x).sqrt();
+    let [a0, a1, a2, a3, a4, a5, a6, a7] = A;
+    let sum = ((((((a7 * x + a6) * x + a5) * x + a4) * x + a3) * x + a2) * x + a1) * x + a0;
+    let factor = sum / (1.0 + x).sqrt();
     let factor = if c >= 0.0 { factor } else { PI / cross.length().max(1e-20) - factor };
     cross * factor
 }
@@ -42,8 +44,7 @@ pub fn edges(a: Vectors, b: Vectors) -> Vectors {
     let cross = a.cross(b);
     let c = a.dot(b);
     let x = c.abs().min(Eight::all(1.0));
-    let factor = A.iter().rev().fold(Eight::all(0.0), |sum, &a| sum * x + Eight::all(a));
-    let factor = factor.over((Eight::all(1.0) + x).sqrt());
+    let factor = polynomial(&A, x).over((Eight::all(1.0) + x).sqrt());
     let obtuse = Eight::all(PI).over(cross.dot(cross).sqrt().max(Eight::all(1e-20))) - factor;
     cross.scaled(c.below(Eight::all(0.0)).choose(obtuse, factor))
 }
@@ -51,7 +52,8 @@ pub fn edges(a: Vectors, b: Vectors) -> Vectors {
 /// For radiance 1, of a quadrilateral as seen from eight points on its shining side.
 #[inline(always)]
 pub fn quadrilateral(corners: &[Vec3; 4], points: Vectors) -> Vectors {
-    let [a, b, c, d] = corners.map(|c| (Vectors::all(c) - points).unit());
+    let unit = |k: usize| (Vectors::all(corners[k]) - points).unit();
+    let (a, b, c, d) = (unit(0), unit(1), unit(2), unit(3));
     (edges(a, b) + edges(b, c) + edges(c, d) + edges(d, a)).scaled(Eight::all(-0.5))
 }
 
