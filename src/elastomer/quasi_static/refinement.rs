@@ -50,7 +50,7 @@ impl QuasiStaticSolver {
             }
             let Some(finer) = self.resolution.refined(self.pad.size_mm, stated, wanted) else { break };
             if self.unrefined.is_none() {
-                self.dispensable = stated <= (WORTHWHILE_LATER * wanted).min(OF_USE);
+                self.dispensable = stated <= OF_USE;
             }
             match self.again_finer(finer, pose) {
                 Ok(()) => *ended = Ok(()),
