@@ -98,7 +98,7 @@ mod tests {
         let number = |k: usize, seed: usize| ((k * 7919 + seed * 104_729) % 1000) as f32 * 1e-3;
         let parts = |from: usize| -> Sparse {
             (0..n)
-                .filter(|to| (from * 5 + to * 3) % 4 == 0)
+                .filter(|to| (from * 5 + to * 3).is_multiple_of(4))
                 .map(|to| (to as u32, number(from * n + to, 1) / 8.0))
                 .collect()
         };
@@ -118,9 +118,10 @@ mod tests {
             let mut total = arrived.clone();
             for _ in 1..scatterings {
                 let mut next = vec![Vec3::ZERO; n];
-                for k in 0..n {
-                    for &(to, part) in &exchange.onward[k] {
-                        next[to as usize] += arrived[k] * exchange.albedos[k] * part;
+                for ((sends, arrived), albedo) in exchange.onward.iter().zip(&arrived).zip(&exchange.albedos)
+                {
+                    for &(to, part) in sends {
+                        next[to as usize] += *arrived * *albedo * part;
                     }
                 }
                 (0..n).for_each(|k| total[k] += next[k]);
