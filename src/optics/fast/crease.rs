@@ -326,6 +326,8 @@ impl Desk<'_> {
         let (mut points, mut normals) = (Vectors::all(Vec3::ZERO), Vectors::all(Vec3::Z));
         let mut albedos = [Vec3::ZERO; 4];
         let mut fixed = vec![Vec3::ZERO; films];
+        // What corners see of it in the first picture.
+        let mut others = [Vec3::ZERO; 4];
         for (k, (cx, cy)) in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].into_iter().enumerate() {
             match self.frame.corner(cx, cy) {
                 Some((p, triangle)) => {
@@ -335,6 +337,7 @@ impl Desk<'_> {
                     albedos[k] = self.frame.albedo_at(triangle, p);
                 }
                 None => {
+                    others[k] = once.fixed_light(0, films, cx, cy);
                     for (film, sum) in fixed.iter_mut().enumerate() {
                         *sum += 0.25 * once.fixed_light(film, films, cx, cy);
                     }
@@ -359,21 +362,23 @@ impl Desk<'_> {
             self.block.light([u, v], points, normals, &once.radiances, Some(horizons), &mut self.sums);
             self.horizons = own;
         }
+        let transmitted = once.transmitted(x, y);
         for (film, fixed) in fixed.iter().enumerate() {
             let mut light = Vec3::ZERO;
             let mut squares = Vec3::ZERO;
             for (k, albedo) in albedos.iter().enumerate() {
                 let sum = &self.sums[film];
-                let value = *albedo * Vec3::new(sum.x.0[k], sum.y.0[k], sum.z.0[k]) * FRAC_1_PI;
+                let value = *albedo * Vec3::new(sum.x.0[k], sum.y.0[k], sum.z.0[k]) * FRAC_1_PI * transmitted;
                 light += 0.25 * value;
-                squares += 0.25 * value * value;
+                // (A corner sees either the pad or something else.)
+                squares += 0.25 * (value + others[k]) * (value + others[k]);
             }
             if film == 0 {
-                *self.spread += CORNERED_ERROR * f64::from((squares - light * light).element_sum().max(0.0));
+                let mean = light + *fixed;
+                *self.spread += CORNERED_ERROR * f64::from((squares - mean * mean).element_sum().max(0.0));
             }
             let veil = once.veil(film, films, x, y);
-            self.out[(film * rows + y - self.first) * self.width + x] =
-                light * once.transmitted(x, y) + *fixed + veil;
+            self.out[(film * rows + y - self.first) * self.width + x] = light + *fixed + veil;
         }
     }
 }

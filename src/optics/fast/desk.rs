@@ -340,7 +340,8 @@ impl Desk<'_> {
             let (c, d) = (vectors(stride), vectors(stride + 1));
             let low = a.z.min(b.z).min(c.z.min(d.z));
             let high = a.z.max(b.z).max(c.z.max(d.z));
-            let steep = limit.below(high - low);
+            // (Where no corner sees the pad, something else is in front, and there is no height to tell it.)
+            let steep = limit.below(high - low).or(Eight::all(0.5 * NOWHERE).below(low));
             let before = |k: usize| {
                 let back = first - k;
                 match columns == WIDTH {
@@ -447,6 +448,37 @@ impl Desk<'_> {
                 let spread = ((d - a) * size).abs().max((c - b) * size).max_element();
                 if spread < 2.5 { mean(2) } else { mean((spread.ceil() as usize).clamp(3, 16)) }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::optics::fast::tests::{punch, scene};
+    use crate::optics::fast::{Precomputed, Renderer};
+    use crate::optics::{LightShape, bench_scene::Variant};
+    use glam::Vec3;
+
+    #[test]
+    fn a_light_narrower_than_a_block_shines_at_the_camera() {
+        // It covers pixel (32, 24) and one half to one pixel around, less than the distance of nodes.
+        let turned = |height: fn(f32, f32) -> f32| {
+            let mut scene = scene(Variant::Ac, height);
+            scene.lights[0].shape = LightShape::Rectangle {
+                center: Vec3::new(0.0814, -0.0814, 8.0),
+                half_u: Vec3::X * 0.2,
+                half_v: Vec3::Y * 0.2,
+            };
+            scene
+        };
+        let once = Precomputed::new(&turned(|_, _| 0.0)).unwrap();
+        for height in [|_, _| 0.0, punch] {
+            let scene = turned(height);
+            let film = Renderer::new(&once, &scene, 0.005).unwrap().render();
+            // What it reflects of the others is below 1, that of the face around as well.
+            let more = film.pixels[24 * 64 + 32] - scene.lights[0].radiance;
+            assert!(more.min_element() > -1e-3 && more.max_element() < 1.0, "{more}");
+            assert!(film.pixels[24 * 64 + 36].max_element() < 2.0);
         }
     }
 }
