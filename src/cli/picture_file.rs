@@ -1,7 +1,9 @@
-//! Where a linear picture goes: `.npy` keeps it as it is, `.png` shows it.
+//! Where a linear picture goes and comes from: `.npy` keeps it as it is, `.png` shows it.
 
 use crate::image::{Picture, png};
+use crate::optics::film::srgb_to_linear;
 use crate::optics::{Error, Film};
+use glam::Vec3;
 use std::path::{Path, PathBuf};
 
 /// Exposure of a picture for a look: that of the benchmark scene's 8-bit metric.
@@ -19,6 +21,27 @@ pub(super) fn parse(text: &str) -> Result<PathBuf, String> {
     }
 }
 
+/// Reads a picture: `.npy` as it is; 8 bit as a camera with the sRGB response gives it, exposed as [`write`] exposes.
+/// With it, by pixel, whether it tells how bright its light was: one at the end of the scale does not.
+pub(super) fn read(path: &Path) -> Result<(Film, Vec<bool>), Error> {
+    let failed = |reason: String| Error::File { action: "read", path: path.display().to_string(), reason };
+    let bytes = std::fs::read(path).map_err(|e| failed(e.to_string()))?;
+    if path.extension().is_some_and(|e| e == "npy") {
+        let film = Film::from_npy(&bytes, &path.display().to_string())?;
+        let tells = film.pixels.iter().map(|p| p.is_finite()).collect();
+        return Ok((film, tells));
+    }
+    let picture = png::decode(&bytes).map_err(|e| failed(e.to_string()))?;
+    let mut film = Film::new(picture.width as usize, picture.height as usize);
+    let mut tells = Vec::with_capacity(film.pixels.len());
+    for (pixel, codes) in film.pixels.iter_mut().zip(picture.rgb.chunks_exact(3)) {
+        let light = |c: usize| srgb_to_linear(codes[c]) / PREVIEW_EXPOSURE;
+        *pixel = Vec3::new(light(0), light(1), light(2));
+        tells.push(!codes.contains(&u8::MAX));
+    }
+    Ok((film, tells))
+}
+
 /// Writes the picture in the format that the ending says.
 pub(super) fn write(path: &Path, film: &Film) -> Result<(), Error> {
     if path.extension().is_none_or(|e| e != "png") {
@@ -33,6 +56,22 @@ pub(super) fn write(path: &Path, film: &Film) -> Result<(), Error> {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_for_a_look_reads_as_the_same_light_but_where_it_was_cut_off() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("look.png");
+        let mut film = Film::new(3, 1);
+        film.pixels = vec![Vec3::new(0.2, 0.5, 1.0), Vec3::splat(5.0), Vec3::ZERO];
+        write(&path, &film).unwrap();
+        let (found, tells) = read(&path).unwrap();
+        assert_eq!(tells, [true, false, true]);
+        // Half a code value near 1 is 1 % of the light.
+        assert!((found.pixels[0] / film.pixels[0] - 1.0).abs().max_element() < 0.01, "{}", found.pixels[0]);
+        assert_eq!(found.pixels[2], Vec3::ZERO);
+    }
+
     #[test]
     fn endings_that_cannot_be_written_are_refused_with_those_that_can() {
         assert!(super::parse("a/b.npy").is_ok() && super::parse("b.png").is_ok());
