@@ -10,40 +10,13 @@ use std::ops::{Add, Mul, Neg, Sub};
 /// and iterators are calls in builds for tests.)
 macro_rules! lanes {
     ($i:ident => $value:expr) => {
-        [
-            {
-                let $i = 0;
-                $value
-            },
-            {
-                let $i = 1;
-                $value
-            },
-            {
-                let $i = 2;
-                $value
-            },
-            {
-                let $i = 3;
-                $value
-            },
-            {
-                let $i = 4;
-                $value
-            },
-            {
-                let $i = 5;
-                $value
-            },
-            {
-                let $i = 6;
-                $value
-            },
-            {
-                let $i = 7;
-                $value
-            },
-        ]
+        lanes!($i => $value; 0, 1, 2, 3, 4, 5, 6, 7)
+    };
+    ($i:ident => $value:expr; $($lane:literal),*) => {
+        [$({
+            let $i = $lane;
+            $value
+        }),*]
     };
 }
 pub(super) use lanes;
