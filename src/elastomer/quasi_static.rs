@@ -58,7 +58,7 @@ use std::sync::atomic::AtomicBool;
 ///
 /// What the tolerance asks for in general ([`Resolution::for_tolerance`]) is tried first. Where an answer states a
 /// much larger error than was asked for, or none is found, the way since the pad was last at rest is followed again with
-/// finer cells, as often as that promises to help. Under a body with edges a press begins with finer ones. Once at rest, the pad is as coarse as it began, and so it is where a
+/// finer cells, as often as that promises to help. Once at rest, the pad is as coarse as it began, and so it is where a
 /// drag begins from a press that was of use with coarse cells: over fine ones what sticks takes minutes a millimetre.
 /// The answer of a waypoint depends on the way to it alone.
 #[derive(Debug)]
@@ -69,8 +69,6 @@ pub struct QuasiStaticSolver {
     unrefined: Option<Vec<Step>>,
     /// That of the finest level.
     resolution: Resolution,
-    /// With what presses begin, if not with that: under a body with edges.
-    pressing: Option<Resolution>,
     /// Stated error that needs no finer cells, relative to depth; absent where the resolution was given.
     wanted: Option<f64>,
     /// Whether finer cells have failed since the pad was last at rest: another try would begin with the same way.
@@ -144,7 +142,6 @@ impl QuasiStaticSolver {
             dispensable: false,
             coarse_drag: false,
             resolution,
-            pressing: wanted.and_then(|_| resolution.for_edges(indenter.as_ref(), pad.size_mm)),
             wanted,
             path: vec![*start],
             pad,
@@ -186,7 +183,7 @@ impl QuasiStaticSolver {
             self.again_unrefined()?;
         }
         let usual = if self.unrefined.is_some() { &REFINED } else { &FINEST };
-        let mut ended = if self.press_finer(pose)? { Ok(()) } else { self.go(pose, usual) };
+        let mut ended = self.go(pose, usual);
         self.refine(&mut ended, pose)?;
         ended?;
         let stated = self.stated_error();
@@ -233,7 +230,6 @@ impl Elastomer for QuasiStaticSolver {
             dispensable: self.dispensable,
             coarse_drag: self.coarse_drag,
             resolution: self.resolution,
-            pressing: self.pressing,
             wanted: self.wanted,
             path: self.path.clone(),
             pad: self.pad.clone(),

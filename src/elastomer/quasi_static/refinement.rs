@@ -16,7 +16,7 @@ use crate::pose::Pose;
 const GOOD_ENOUGH: f64 = 1.5;
 /// Stated error over the one aimed at that is worth pressing again with finer cells, which take three to ten times as
 /// long.
-const WORTHWHILE: f64 = 4.0 / 3.0;
+const WORTHWHILE: f64 = 1.15;
 /// The same for whoever has gone on from the first press: the way is longer, and friction lets the statement waver.
 const WORTHWHILE_LATER: f64 = 8.0 / 3.0;
 /// Cells over finer ones that are worth a guess of their own.
@@ -50,7 +50,7 @@ impl QuasiStaticSolver {
             }
             let Some(finer) = self.resolution.refined(self.pad.size_mm, stated, wanted) else { break };
             if self.unrefined.is_none() {
-                self.dispensable = stated <= (WORTHWHILE_LATER * wanted).min(OF_USE);
+                self.dispensable = stated <= OF_USE;
             }
             match self.again_finer(finer, pose) {
                 Ok(()) => *ended = Ok(()),
@@ -60,26 +60,6 @@ impl QuasiStaticSolver {
             }
         }
         Ok(())
-    }
-
-    /// Begins a press under a body with edges, over the cells for it, if this is one; whether that was done.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
-    pub(super) fn press_finer(&mut self, pose: &Pose) -> Result<bool, Error> {
-        let touches = !self.finest().is_clear(self.indenter.as_ref(), pose);
-        let Some(finer) = self.pressing.filter(|_| touches && self.finest().at_rest()) else {
-            return Ok(false);
-        };
-        match self.again_finer(finer, pose) {
-            Ok(()) => {
-                self.dispensable = true;
-                Ok(true)
-            }
-            Err(stopped @ Error::Interrupted) => Err(stopped),
-            // The usual cells may still do.
-            Err(_) => Ok(false),
-        }
     }
 
     /// Error that the present answer states, relative to depth.

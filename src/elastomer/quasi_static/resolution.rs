@@ -7,9 +7,6 @@ use crate::indenter::Indenter;
 pub const GUESS_RESIDUAL: f64 = 1e-2;
 /// Cells of the face that an answer may cost: 96 along each side, of 0.21 mm on a pad of 20 mm.
 const MOST_CELLS: usize = 96 * 96;
-/// What cells are to be smaller by under a body with edges. Found by experiment: flat bodies with edges rounded by 0.3 mm
-/// press 1.2 to 2 % too hard with cells of 0.42 mm, 0.7 to 0.9 % with 0.31.
-const EDGED: f64 = 0.7;
 /// Longest way of the indenter in one increment with friction, mm; over its radius, though not below the shortest; and
 /// under a body with edges: anchors follow the path. Found by experiment: in increments as long as that, presses are
 /// within 0.5 % of the force of eight (in one stride of 1 mm they lose 1 to 8 %), and a small sphere that is pressed
@@ -53,7 +50,7 @@ impl Resolution {
         let cell_mm = (0.46 * (tolerance / 0.01).powf(0.456)).clamp(0.1, 2.0);
         Self {
             cell_mm,
-            first_height: 0.8,
+            first_height: 1.2,
             growth: 1.4,
             samples: 2,
             residual: (0.1 * tolerance).clamp(1e-4, 1e-3),
@@ -68,13 +65,6 @@ impl Resolution {
         let short = (INCREMENT_OVER_RADIUS * hx.min(hy)).max(SHORTEST_MM);
         let longest = if self.sees_edges(body, size) { EDGED_INCREMENT_MM } else { LONGEST_INCREMENT_MM };
         Self { increment_mm: longest.min(short), ..self }
-    }
-
-    /// With what a body is pressed that has edges which these cells would not follow.
-    pub fn for_edges(&self, body: &dyn Indenter, size: [f64; 3]) -> Option<Self> {
-        let finer = Self { cell_mm: EDGED * self.cell_mm, ..*self };
-        let has_more_cells = Grid::blocks(size[0], finer.cell_mm) > Grid::blocks(size[0], self.cell_mm);
-        (has_more_cells && self.sees_edges(body, size)).then_some(finer)
     }
 
     /// Whether the underside of a body, as much as the pad can touch, bends sharply or ends between three neighbours
