@@ -16,65 +16,19 @@
 //! A neo-Hookean face sheared much further folds ahead of the contact (Biot's surface instability), finer than
 //! the grid can follow. Short slides do not notice; long ones drag at this traction instead of more.
 
+mod friction;
+mod patch;
+mod side;
+
+pub use self::friction::STICK_STRENGTH;
+use self::friction::{Anchor, FrictionLaw, SLIP_SOFTNESS, STICK_SOFTNESS};
+use self::side::{Entry, Side};
 use super::chart::Chart;
 use super::grid::{Grid, uniform_values};
 use crate::elastomer::Friction;
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use glam::DVec3;
-
-/// Penetration beyond which the nearest side of the indenter is not trusted, mm.
-const DEEP_MM: f64 = 0.02;
-/// Cosine of the angle between the nearest side and the one that a point came in by, below which they are two sides and
-/// not parts of one rounded edge.
-const ANOTHER_SIDE: f64 = 0.3;
-
-/// Tangential over normal penalty with infinite friction, and with a coefficient: the softer, the milder the
-/// kink between holding and slipping, which Newton's steps would overshoot; multipliers take the error out.
-const STICK_SOFTNESS: f64 = 0.3;
-/// See [`STICK_SOFTNESS`].
-const SLIP_SOFTNESS: f64 = 0.1;
-
-/// Friction coefficient at which even infinite friction slips: pads do not hold by an edge under no
-/// pressure, and released one by one such points would unzip for hundreds of solves. Found by experiment:
-/// a sphere that has turned by 15 degrees bears 2 % less torque than with five times as much, one that has slid 1 mm
-/// drags 0.5 % less.
-const PEEL_COEFFICIENT: f64 = 4.0;
-
-/// Power of the part of the way at which a point would have met the indenter, had the pad stood still, that
-/// gives the part at which it does. Found by experiment: a sphere of radius 4 with infinite friction, pressed
-/// 1 mm in two increments, is then within 0.5 % of the force of ten.
-const LATENESS: f64 = 1.25;
-/// Rounds of an increment in which the bounds of infinite friction follow the pressure.
-const BOUND_ROUNDS: u32 = 3;
-/// Rounds in which tangential multipliers are brought up to date, with infinite friction and with a coefficient: the
-/// softer springs of the latter need more.
-const MULTIPLIER_ROUNDS: [u32; 2] = [3, 6];
-
-/// Largest tangential traction of infinite friction over the shear modulus. Found by experiment: a sphere of
-/// radius 3 pressed 0.5 mm does not notice it at 0.5 mm of slide; at 1 mm it drags 12 % less with 1.5 than with 3.
-pub const STICK_STRENGTH: f64 = 2.0;
-
-/// Where a point holds on to the indenter.
-#[derive(Debug, Clone, Copy)]
-pub struct Anchor {
-    /// Point in the indenter's frame.
-    at: DVec3,
-    /// Normal of the tangential plane, indenter's frame.
-    normal: DVec3,
-    /// Largest tangential traction, MPa.
-    bound: f64,
-    /// Tangential multiplier: the traction on the pad with no slip since the anchor was set, MPa.
-    held: DVec3,
-}
-
-impl Anchor {
-    /// Tangential traction on the pad of a point at `p`, were there no bound.
-    fn trial(&self, p: DVec3, stiffness: f64) -> DVec3 {
-        let d = p - self.at;
-        self.held - (d - self.normal * self.normal.dot(d)) * stiffness
-    }
-}
 
 /// A sample point of the face.
 #[derive(Debug, Clone)]
@@ -99,18 +53,10 @@ struct Sample {
     pressure: f64,
     /// Displacement at the end of the last increment.
     old_u: DVec3,
+    /// What pushes it out instead of the nearest side.
+    pushed_by: Option<Side>,
     /// Where the present increment takes the point into the indenter, were the pad to stand still.
     entry: Option<Entry>,
-}
-
-/// Where a point meets the indenter on its way through an increment.
-#[derive(Debug, Clone, Copy)]
-struct Entry {
-    /// Part of the way.
-    fraction: f64,
-    /// Point and normal, indenter's frame.
-    at: DVec3,
-    normal: DVec3,
 }
 
 /// A sample that exchanges force, linearised.
@@ -127,35 +73,6 @@ pub struct Active {
     pub stiffness: [f64; 6],
     /// Outward normal of the indenter.
     pub normal: DVec3,
-}
-
-/// How much traction the face can take along the indenter.
-#[derive(Debug, Clone, Copy)]
-struct FrictionLaw {
-    friction: Friction,
-    /// Largest tangential traction of infinite friction, MPa.
-    strength: f64,
-}
-
-impl FrictionLaw {
-    /// Largest tangential traction under a pressure, MPa.
-    fn bound(self, pressure: f64) -> f64 {
-        match self.friction {
-            Friction::Infinite => self.strength.min(PEEL_COEFFICIENT * pressure),
-            Friction::Coefficient(mu) => mu * pressure,
-        }
-    }
-}
-
-/// What changed between two solves.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Updated {
-    /// Points that were anchored or let go.
-    pub events: usize,
-    /// Largest penetration or gap of a loaded point, mm.
-    pub violation_mm: f64,
-    /// Change of the friction bounds, relative to the friction force.
-    pub bound_change: f64,
 }
 
 /// All sample points and their present state.
@@ -215,6 +132,7 @@ impl Contacts {
                         seen: DVec3::ZERO,
                         pressure: 0.0,
                         old_u: DVec3::ZERO,
+                        pushed_by: None,
                         entry: None,
                     });
                 }
@@ -329,7 +247,10 @@ impl Contacts {
             if (self.bilateral || !near) && !held && s.anchor.is_none() {
                 continue;
             }
-            let (gap, normal) = self.gap(s, indenter, p);
+            let (gap, normal) = match s.pushed_by {
+                Some(side) => (side.gap(p), side.normal),
+                None => indenter.distance_and_normal(p),
+            };
             s.gap = gap;
             s.pressure = s.multiplier - k * gap;
             let pulls = self.bilateral && held;
@@ -352,8 +273,7 @@ impl Contacts {
                 let part = if length >= anchor.bound { anchor.bound / length.max(1e-12) } else { 1.0 };
                 force += trial * part;
                 for v in [DVec3::X, DVec3::Y, DVec3::Z] {
-                    let t = v - anchor.normal * anchor.normal.dot(v);
-                    add_outer(&mut matrix, t, part * kt);
+                    add_outer(&mut matrix, anchor.side.along(v), part * kt);
                 }
                 if part < 1.0 {
                     add_outer(&mut matrix, trial / length, -part * kt);
@@ -399,25 +319,14 @@ impl Contacts {
         }
     }
 
-    /// Gap and normal of a point at `p` in the indenter's frame. A sticking point sees the tangential plane
-    /// at its anchor; any other the signed distance, except deep inside the body, where the nearest
-    /// side may not be the one it came in by.
-    fn gap(&self, s: &Sample, indenter: &dyn Indenter, p: DVec3) -> (f64, DVec3) {
-        if let Some(a) = &s.anchor
-            && a.bound.is_infinite()
-        {
-            return (a.normal.dot(p - a.at), a.normal);
+    /// Chooses anew by what side each point is pushed out. During a solve that stays: where the force of a point jumps, no step finds its zero.
+    pub fn choose_sides(&mut self, indenter: &dyn Indenter, pose: &Pose, u: &[f32]) {
+        let mut samples = std::mem::take(&mut self.samples);
+        for s in samples.iter_mut().filter(|s| s.entry.is_some() || s.anchor.is_some()) {
+            let p = pose.to_indenter(s.rest + self.value(u, s.cell, s.sub));
+            s.pushed_by = s.side_instead_of_nearest(indenter, p);
         }
-        let (gap, normal) = indenter.distance_and_normal(p);
-        if gap < -DEEP_MM {
-            let came_by = s.entry.map(|e| (e.at, e.normal)).or(s.anchor.map(|a| (a.at, a.normal)));
-            if let Some((at, came_by)) = came_by
-                && normal.dot(came_by) < ANOTHER_SIDE
-            {
-                return (came_by.dot(p - at), came_by);
-            }
-        }
-        (gap, normal)
+        self.samples = samples;
     }
 
     /// Begins an increment from one pose to another: finds where free points would meet the indenter.
@@ -430,6 +339,7 @@ impl Contacts {
             s.old_u = self.value(u, s.cell, s.sub);
             s.entry = None;
             s.let_go = false;
+            s.pushed_by = None;
             let p = s.rest + s.old_u;
             let end = to.to_indenter(p);
             if s.anchor.is_some() || end.z < 0.0 || end.x.abs() > hx || end.y.abs() > hy {
@@ -445,142 +355,15 @@ impl Contacts {
             let mut fraction = 0.0;
             for _ in 0..64 {
                 let q = from.lerp(to, fraction).to_indenter(p);
-                let (gap, normal) = indenter.distance_and_normal(q);
+                let (gap, side) = Side::nearest(indenter, q);
                 if gap < 1e-3 || fraction >= 1.0 {
-                    s.entry = Some(Entry { fraction, at: q - normal * gap, normal });
+                    s.entry = Some(Entry { fraction, side });
                     break;
                 }
                 fraction = (fraction + gap / way).min(1.0);
             }
         }
         self.samples = samples;
-    }
-
-    /// Brings multipliers, anchors and friction bounds up to date after a round (counted from 1) at `pose`.
-    ///
-    /// What holds, what slips and how much each can bear depend on one another, and brought up to date for
-    /// ever they may chase one another in circles. So tangential multipliers stand still from a round on
-    /// (what they then miss is a fraction of a micrometre of creep), and with infinite friction, whose
-    /// bounds are no physics, the bounds before them. Coulomb's bounds always follow: they contract.
-    pub fn update(&mut self, indenter: &dyn Indenter, poses: [&Pose; 2], u: &[f32], round: u32) -> Updated {
-        let mut out = Updated::default();
-        let tangent = self.has_friction();
-        let bounds_follow = self.law.friction != Friction::Infinite || round <= BOUND_ROUNDS;
-        let multiplier_rounds = MULTIPLIER_ROUNDS[usize::from(self.law.friction != Friction::Infinite)];
-        // A point that loses its pressure in an early round may be back in the next; later it lets go for good.
-        let revocable = round <= multiplier_rounds;
-        let (mut change, mut total) = (0.0, 0.0);
-        let mut samples = std::mem::take(&mut self.samples);
-        let met = |s: &Sample| s.entry.filter(|_| s.pressure > 0.0).map_or(0.0, |e| e.fraction);
-        self.latest = samples.iter().map(met).fold(self.latest, f64::max);
-        let count = self.per_axis * self.per_axis;
-        for cell in samples.chunks_mut(count) {
-            let mean = cell.iter().map(|s| s.pressure).sum::<f64>() / count as f64;
-            out.violation_mm = out.violation_mm.max((mean - cell[0].multiplier).abs() / self.stiffness);
-            let (mut held, mut slipping) = ((DVec3::ZERO, 0), (DVec3::ZERO, 0));
-            for s in cell.iter_mut() {
-                s.multiplier = mean;
-                s.loaded = s.pressure > 0.0;
-                if !tangent {
-                    continue;
-                }
-                let bound = self.law.bound(s.pressure);
-                if !s.loaded && !revocable {
-                    if s.anchor.take().is_some() {
-                        s.let_go = true;
-                        out.events += 1;
-                    }
-                } else if let Some(anchor) = &mut s.anchor {
-                    out.events += usize::from(s.loaded != (anchor.bound > 0.0));
-                    let trial = anchor.trial(s.seen, self.tangential);
-                    let bound = match s.loaded {
-                        false => 0.0,
-                        true if bounds_follow || anchor.bound == 0.0 => bound,
-                        true => anchor.bound,
-                    };
-                    let now = trial.clamp_length_max(bound);
-                    change += (now - trial.clamp_length_max(anchor.bound)).length();
-                    total += s.pressure.max(now.length());
-                    anchor.bound = bound;
-                    let sum = if trial.length() >= bound { &mut slipping } else { &mut held };
-                    *sum = (sum.0 + now, sum.1 + 1);
-                } else if s.loaded && !s.let_go {
-                    s.anchor = Some(self.touch(s, indenter, poses, u, bound));
-                    out.events += 1;
-                    held.1 += 1;
-                }
-            }
-            if round > multiplier_rounds {
-                continue;
-            }
-            // The multipliers become the mean traction of the points that hold, as far as the bounds allow.
-            let (sum, n) = if held.1 > 0 { held } else { slipping };
-            let mean = sum / f64::from(n.max(1));
-            for anchor in cell.iter_mut().filter_map(|s| s.anchor.as_mut()) {
-                let now = mean.clamp_length_max(anchor.bound);
-                if now.length() < anchor.bound {
-                    change += (now - anchor.held).length();
-                }
-                anchor.held = now;
-            }
-        }
-        self.samples = samples;
-        out.bound_change = if total > 0.0 { change / total } else { 0.0 };
-        out
-    }
-
-    /// The anchor of a point that touched during this increment: where it was on the indenter when it
-    /// would have met it, had the pad stood still.
-    fn touch(
-        &self,
-        s: &Sample,
-        indenter: &dyn Indenter,
-        [old_pose, pose]: [&Pose; 2],
-        u: &[f32],
-        bound: f64,
-    ) -> Anchor {
-        // Pressed, the face recedes: the last point to touch does so at the end of the way, those before it in
-        // proportion. Beside a sliding indenter it stands still.
-        let share = |e: Entry| match self.latest {
-            1.0 => e.fraction,
-            latest => (e.fraction / latest.max(1e-9)).min(1.0).powf(LATENESS),
-        };
-        let fraction = s.entry.map_or(1.0, share);
-        let now = self.value(u, s.cell, s.sub);
-        let then = s.old_u + (now - s.old_u) * fraction;
-        let p = old_pose.lerp(pose, fraction).to_indenter(s.rest + then);
-        let (gap, normal) = indenter.distance_and_normal(p);
-        match s.entry {
-            Some(e) if gap < -DEEP_MM && normal.dot(e.normal) < ANOTHER_SIDE => {
-                Anchor { at: e.at, normal: e.normal, bound, held: DVec3::ZERO }
-            }
-            _ => Anchor { at: p - normal * gap, normal, bound, held: DVec3::ZERO },
-        }
-    }
-
-    /// Ends an increment: anchors of sliding points follow, so that their spring carries the bound.
-    pub fn end_increment(&mut self, indenter: &dyn Indenter) {
-        for s in &mut self.samples {
-            s.anchor = s.anchor.filter(|_| s.pressure > 0.0);
-            if s.let_go && s.pressure > 0.0 {
-                // Touching again: it holds where it is, without traction.
-                let (_, normal) = indenter.distance_and_normal(s.seen);
-                let bound = self.law.bound(s.pressure);
-                s.anchor = Some(Anchor { at: s.seen - normal * s.gap, normal, bound, held: DVec3::ZERO });
-            }
-            let Some(anchor) = &mut s.anchor else { continue };
-            let trial = anchor.trial(s.seen, self.tangential);
-            if trial.length() > anchor.bound {
-                let (gap, normal) = indenter.distance_and_normal(s.seen);
-                let along = (trial - normal * normal.dot(trial)).normalize_or_zero();
-                *anchor = Anchor {
-                    at: s.seen - normal * gap,
-                    normal,
-                    bound: anchor.bound,
-                    held: along * anchor.bound,
-                };
-            }
-        }
     }
 
     /// Forgets all contact.
@@ -656,24 +439,6 @@ impl Contacts {
         if all == 0 { 0.0 } else { rim as f64 / all as f64 }
     }
 
-    /// The pressed part of the face.
-    pub fn patch(&self) -> Patch {
-        let loaded = self.samples.iter().filter(|s| s.pressure > 0.0);
-        let (sum, loaded_area, n) =
-            loaded.fold((0.0, 0.0, 0), |(sum, area, n), s| (sum + s.pressure, area + s.area, n + 1));
-        let mean = sum / f64::from(n.max(1));
-        let per_axis = self.per_axis;
-        let cells = [self.cx - 2, self.plane / self.cx - 2];
-        let (nx, ny) = (cells[0] * per_axis, cells[1] * per_axis);
-        let mut sign = vec![-OUTSIDE; nx * ny];
-        for s in self.samples.iter().filter(|_| mean > 0.0) {
-            let (i, j) = (s.cell[0] * per_axis + s.sub % per_axis, s.cell[1] * per_axis + s.sub / per_axis);
-            sign[j * nx + i] = ((s.multiplier - self.stiffness * s.gap) / mean).clamp(-OUTSIDE, 1.0);
-        }
-        let mean_area = loaded_area / f64::from(n.max(1));
-        Patch { nx, ny, sign, area_mm2: mean_area, touches: n > 0 }
-    }
-
     /// How far the indenter reaches below the face at rest, mm: on a flat one, the depth of its pose.
     pub fn depth_mm(&self, indenter: &dyn Indenter, pose: &Pose) -> f64 {
         if self.chart.is_none() {
@@ -691,52 +456,6 @@ impl Contacts {
         self.samples.iter().filter(|s| s.pressure > 0.0).map(|s| s.rest)
     }
 }
-
-/// Where the face is pressed, between the sample points, too.
-#[derive(Debug)]
-pub struct Patch {
-    nx: usize,
-    ny: usize,
-    /// Positive where the face is pressed; at most 1 in size.
-    sign: Vec<f64>,
-    /// Mean area of a pressed sample, mm^2.
-    area_mm2: f64,
-    touches: bool,
-}
-
-impl Patch {
-    /// Whether the face is pressed at a place given as parts of its sides, 0 to 1.
-    pub fn contains(&self, x: f64, y: f64) -> bool {
-        if !self.touches {
-            return false;
-        }
-        let at = |t: f64, n: usize| {
-            let s = (t * n as f64 - 0.5).clamp(0.0, (n - 1) as f64);
-            let i = (s as usize).min(n - 2);
-            (i, s - i as f64)
-        };
-        let ((i, a), (j, b)) = (at(x, self.nx), at(y, self.ny));
-        let row = |j: usize| (1.0 - a) * self.sign[j * self.nx + i] + a * self.sign[j * self.nx + i + 1];
-        (1.0 - b) * row(j) + b * row(j + 1) > 0.0
-    }
-
-    /// Its area at rest, mm^2.
-    pub fn area_mm2(&self) -> f64 {
-        let (nx, ny) = (FINER * self.nx, FINER * self.ny);
-        let middle = |i: usize, n: usize| (i as f64 + 0.5) / n as f64;
-        let pressed = (0..ny)
-            .flat_map(|j| (0..nx).map(move |i| (i, j)))
-            .filter(|(i, j)| self.contains(middle(*i, nx), middle(*j, ny)));
-        pressed.count() as f64 * self.area_mm2 / (FINER * FINER) as f64
-    }
-}
-
-/// What a sample off the indenter counts against the mean pressure where the edge of the contact is sought
-/// between it and a loaded one. Found by experiment: the contact radius of a sphere, cells of 0.4 mm, is then
-/// within 2 % of finite elements.
-const OUTSIDE: f64 = 0.4;
-/// Steps from sample to sample with which the area is measured.
-const FINER: usize = 4;
 
 fn add_outer(m: &mut [f64; 6], v: DVec3, k: f64) {
     for (m, p) in m.iter_mut().zip([v.x * v.x, v.y * v.y, v.z * v.z, v.x * v.y, v.x * v.z, v.y * v.z]) {

@@ -336,6 +336,7 @@ impl Level {
     /// gives. Shorter increments mostly keep clear of such places, so `cautious` ones end there, and where they take long.
     fn settle(&mut self, problem: &Problem<'_>, cautious: bool) -> Result<Outcome, Outcome> {
         self.newton.indefinite = false;
+        self.at.contacts.choose_sides(problem.indenter, problem.pose, &self.at.u);
         let mut state = self.newton.begin(problem, &mut self.at.contacts, &self.at.u);
         let depth_mm = self.at.contacts.depth_mm(problem.indenter, problem.pose);
         let allowed_mm = self.penetration * depth_mm.max(LEAST_DEPTH_MM);

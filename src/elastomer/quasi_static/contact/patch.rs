@@ -1,0 +1,69 @@
+//! Where the face is pressed.
+
+use super::Contacts;
+
+impl Contacts {
+    /// The pressed part of the face.
+    pub fn patch(&self) -> Patch {
+        let loaded = self.samples.iter().filter(|s| s.pressure > 0.0);
+        let (sum, loaded_area, n) =
+            loaded.fold((0.0, 0.0, 0), |(sum, area, n), s| (sum + s.pressure, area + s.area, n + 1));
+        let mean = sum / f64::from(n.max(1));
+        let per_axis = self.per_axis;
+        let cells = [self.cx - 2, self.plane / self.cx - 2];
+        let (nx, ny) = (cells[0] * per_axis, cells[1] * per_axis);
+        let mut sign = vec![-OUTSIDE; nx * ny];
+        for s in self.samples.iter().filter(|_| mean > 0.0) {
+            let (i, j) = (s.cell[0] * per_axis + s.sub % per_axis, s.cell[1] * per_axis + s.sub / per_axis);
+            sign[j * nx + i] = ((s.multiplier - self.stiffness * s.gap) / mean).clamp(-OUTSIDE, 1.0);
+        }
+        let mean_area = loaded_area / f64::from(n.max(1));
+        Patch { nx, ny, sign, area_mm2: mean_area, touches: n > 0 }
+    }
+}
+
+/// Where the face is pressed, between the sample points, too.
+#[derive(Debug)]
+pub struct Patch {
+    nx: usize,
+    ny: usize,
+    /// Positive where the face is pressed; at most 1 in size.
+    sign: Vec<f64>,
+    /// Mean area of a pressed sample, mm^2.
+    area_mm2: f64,
+    touches: bool,
+}
+
+impl Patch {
+    /// Whether the face is pressed at a place given as parts of its sides, 0 to 1.
+    pub fn contains(&self, x: f64, y: f64) -> bool {
+        if !self.touches {
+            return false;
+        }
+        let at = |t: f64, n: usize| {
+            let s = (t * n as f64 - 0.5).clamp(0.0, (n - 1) as f64);
+            let i = (s as usize).min(n - 2);
+            (i, s - i as f64)
+        };
+        let ((i, a), (j, b)) = (at(x, self.nx), at(y, self.ny));
+        let row = |j: usize| (1.0 - a) * self.sign[j * self.nx + i] + a * self.sign[j * self.nx + i + 1];
+        (1.0 - b) * row(j) + b * row(j + 1) > 0.0
+    }
+
+    /// Its area at rest, mm^2.
+    pub fn area_mm2(&self) -> f64 {
+        let (nx, ny) = (FINER * self.nx, FINER * self.ny);
+        let middle = |i: usize, n: usize| (i as f64 + 0.5) / n as f64;
+        let pressed = (0..ny)
+            .flat_map(|j| (0..nx).map(move |i| (i, j)))
+            .filter(|(i, j)| self.contains(middle(*i, nx), middle(*j, ny)));
+        pressed.count() as f64 * self.area_mm2 / (FINER * FINER) as f64
+    }
+}
+
+/// What a sample off the indenter counts against the mean pressure where the edge of the contact is sought
+/// between it and a loaded one. Found by experiment: the contact radius of a sphere, cells of 0.4 mm, is then
+/// within 2 % of finite elements.
+const OUTSIDE: f64 = 0.4;
+/// Steps from sample to sample with which the area is measured.
+const FINER: usize = 4;
