@@ -53,7 +53,7 @@ struct Sample {
     pressure: f64,
     /// Displacement at the end of the last increment.
     old_u: DVec3,
-    /// What pushes it out instead of the nearest side.
+    /// What pushes it out instead of what is nearest at the time.
     pushed_by: Option<Side>,
     /// Where the present increment takes the point into the indenter, were the pad to stand still.
     entry: Option<Entry>,
@@ -244,7 +244,8 @@ impl Contacts {
             let reach = s.multiplier / k;
             let near = p.z >= -reach && p.x.abs() <= hx + reach && p.y.abs() <= hy + reach;
             let held = s.loaded;
-            if (self.bilateral || !near) && !held && s.anchor.is_none() {
+            let known = s.loaded || s.anchor.is_some() || s.pushed_by.is_some();
+            if (self.bilateral || !near) && !known {
                 continue;
             }
             let (gap, normal) = match s.pushed_by {
@@ -324,7 +325,7 @@ impl Contacts {
         let mut samples = std::mem::take(&mut self.samples);
         for s in samples.iter_mut().filter(|s| s.entry.is_some() || s.anchor.is_some()) {
             let p = pose.to_indenter(s.rest + self.value(u, s.cell, s.sub));
-            s.pushed_by = s.side_instead_of_nearest(indenter, p);
+            s.pushed_by = s.side_out(indenter, p);
         }
         self.samples = samples;
     }

@@ -28,7 +28,7 @@ const BOUND_ROUNDS: u32 = 3;
 /// Rounds in which tangential multipliers are brought up to date, with infinite friction and with a coefficient: the
 /// softer springs of the latter need more.
 const MULTIPLIER_ROUNDS: [u32; 2] = [3, 6];
-/// Rounds in which points may come to be pushed out by another side of the indenter.
+/// Rounds after which the side that deep points are pushed out by is chosen anew.
 const SIDE_ROUNDS: u32 = 5;
 
 /// Largest tangential traction of infinite friction over the shear modulus. Found by experiment: a sphere of

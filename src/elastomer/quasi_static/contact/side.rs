@@ -45,19 +45,20 @@ impl Side {
         v - self.normal * self.normal.dot(v)
     }
 
-    /// Whether a point that came in by this side is so deep behind another, nearest one that it belongs out by this.
+    /// Whether a point that came in by this side belongs out by it, though another is nearest.
     pub fn came_by_instead(&self, gap: f64, nearest: &Side) -> bool {
         gap < -DEEP_MM && nearest.normal.dot(self.normal) < ANOTHER_SIDE
     }
 }
 
 impl Sample {
-    /// What pushes this point, at `p` in the indenter's frame, out of the indenter: nothing for the nearest side, else
-    /// the one that it came in by.
-    pub fn side_instead_of_nearest(&self, indenter: &dyn Indenter, p: DVec3) -> Option<Side> {
+    /// What pushes this point, at `p` in the indenter's frame, out of it: nothing in particular where it is not deep,
+    /// else the side that it came in by, unless the nearest is a part of that.
+    pub fn side_out(&self, indenter: &dyn Indenter, p: DVec3) -> Option<Side> {
         let came_by = self.entry.map(|e| e.side).or(self.anchor.map(|a| a.side))?;
         let (gap, nearest) = Side::nearest(indenter, p);
-        came_by.came_by_instead(gap, &nearest).then_some(came_by)
+        let side = if came_by.came_by_instead(gap, &nearest) { came_by } else { nearest };
+        (gap < -DEEP_MM).then_some(side)
     }
 
     /// The side that it was at when it was last seen.

@@ -2,6 +2,7 @@
 //! millimetres thick and nearly incompressible, so that pressure and traction hardly disturb each other.
 
 use super::*;
+use crate::elastomer::quasi_static::contact::Contacts;
 
 const RADIUS_MM: f64 = 4.0;
 const DEPTH_MM: f64 = 0.05;
@@ -69,4 +70,32 @@ fn a_turn_in_full_slip_has_the_torque_of_a_hertzian_contact() {
     }
     let theory = 3.0 * std::f64::consts::PI / 16.0 * MU * p * a;
     assert!((torque / theory - 1.0).abs() < 0.03, "{torque} N mm against {theory} N mm");
+}
+
+#[test]
+fn during_a_solve_no_point_jumps_from_one_side_of_the_indenter_to_another() {
+    // Brought down 0.5 mm in one stroke, points near the wall of a punch are nearer to the wall than to the sole that
+    // they met. Shifted across the place where both are as near, their force must not jump.
+    let grid = Grid::new([8.0, 8.0, 2.0], 0.5, 1.0, 1.4);
+    let punch = Punch(1.0, 0.1);
+    let (stiffness, strength) = (2.0, 0.1);
+    let mut contacts = Contacts::new(&grid, None, 2, stiffness, Friction::Infinite, strength);
+    let mut u = vec![0.0; grid.field_len()];
+    let (above, below) = (Pose::new(0.0, 0.0, 0.0, 0.0), Pose::new(0.0, 0.0, -0.5, 0.0));
+    contacts.begin_increment(&punch, &above, &below, &u);
+    contacts.choose_sides(&punch, &below, &u);
+    let mut last = None;
+    let step_mm = 1e-3;
+    for n in 0..600 {
+        let top = grid.at(0, grid.layers() - 1);
+        u[top..top + grid.plane()].fill((step_mm * f64::from(n)) as f32);
+        contacts.linearise(&punch, &below, &u);
+        let (force, _) = contacts.resultant(&below);
+        // A point's force changes by no more than its springs make of the step, wherever it is.
+        let area_mm2 = std::f64::consts::PI;
+        let change = last.map_or(0.0, |last: DVec3| (force - last).length());
+        assert!(change < 2.0 * stiffness * area_mm2 * step_mm, "{change} N at {}", step_mm * f64::from(n));
+        last = Some(force);
+    }
+    assert!(last.is_some_and(|force| force.z < -1.0), "{last:?}");
 }
