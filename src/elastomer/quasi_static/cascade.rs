@@ -42,7 +42,7 @@ pub struct Patience {
     halvings: i32,
     /// Tangent applications for each increment that the way was to take.
     passes: f64,
-    /// Part of an increment that is gone even where the pad is unstable.
+    /// Part of an increment that is gone even where the pad is unstable, unless it is a press.
     bold: f64,
 }
 
@@ -66,6 +66,8 @@ pub fn follow(
     let finest = levels.len() - 1;
     let start = *levels[finest].level.pose();
     let parts = levels[finest].level.increments(&start, pose);
+    // A press over an unstable pad ends on one side or the other as rounding decides; a drag sticks and slips.
+    let presses = Pose { z_mm: start.z_mm, ..*pose } == start && patience.bold.is_finite();
     let (mut done, mut stride, mut restarts) = (0.0, 1.0 / parts, 0);
     let begun = levels[finest].level.newton.passes;
     let mut last;
@@ -74,7 +76,7 @@ pub fn follow(
         let next = f64::min(1.0, done + stride);
         let next = if next > 1.0 - 1e-9 { 1.0 } else { next };
         let mut hopeless = false;
-        let cautious = (next - done) * parts > patience.bold;
+        let cautious = presses || (next - done) * parts > patience.bold;
         match increment(levels, indenter, &start.lerp(pose, next), cautious)? {
             Ok(()) => {
                 levels[finest].level.check_margin(indenter)?;
