@@ -39,6 +39,7 @@ mod refinement;
 pub mod resolution;
 pub mod springs;
 pub mod stack;
+mod symmetry;
 pub mod waves;
 
 use super::interrupt::Interrupt;

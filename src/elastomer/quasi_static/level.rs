@@ -13,6 +13,7 @@ use super::probe;
 use super::resolution::{GUESS_RESIDUAL, LONGEST_INCREMENT_MM, Resolution};
 use super::springs::FaceGreen;
 use super::stack::Stack;
+use super::symmetry;
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use glam::Vec3;
@@ -97,6 +98,8 @@ pub struct Equilibrium {
     /// Displacement one increment ago, and the way of the indenter since then, for extrapolation.
     last: Option<(Vec<f32>, [f64; 4])>,
     at_rest: bool,
+    /// Whether the indenter has come straight down since the pad was at rest.
+    straight_down: bool,
     outcome: Option<Outcome>,
     /// Largest penetration at a sample point after the last solve, mm.
     penetration_mm: f64,
@@ -141,6 +144,7 @@ impl Level {
                 u,
                 last: None,
                 at_rest: true,
+                straight_down: true,
                 outcome: None,
                 penetration_mm: 0.0,
                 unsettled: 0.0,
@@ -222,6 +226,7 @@ impl Level {
         at.contacts.clear();
         at.u.fill(0.0);
         (at.at_rest, at.last, at.outcome, at.pose) = (true, None, None, *pose);
+        at.straight_down = true;
     }
 
     /// Whether the indenter at `pose` would be clear of the face at rest.
@@ -274,6 +279,7 @@ impl Level {
                 self.at.contacts.end_increment(indenter);
                 self.at.last = (!saved.at_rest).then_some((saved.u, way));
                 self.at.at_rest = false;
+                self.at.straight_down &= way[0] == 0.0 && way[1] == 0.0 && way[3] == 0.0;
                 self.at.outcome = Some(outcome);
                 self.at.pose = *pose;
                 Ok(())
@@ -402,7 +408,7 @@ impl Level {
     }
 
     /// Error of the surface relative to depth, estimated from what the splines leave between the sample
-    /// points: the penetration found there, and the residual. Calibrated against finite elements. A body that the
+    /// points: the penetration found there, the residual, and the symmetry that was lost. Calibrated against finite elements. A body that the
     /// sample points have missed altogether is seen by [`probe`].
     pub fn estimated_error(&self, indenter: &dyn Indenter) -> Option<f64> {
         let depth = self.at.contacts.depth_mm(indenter, &self.at.pose);
@@ -418,7 +424,12 @@ impl Level {
         let between = self.at.contacts.penetration_between(indenter, &self.at.pose, &self.at.u);
         let narrow = 1.0 + NARROW * self.at.contacts.rim_part().powi(4);
         let misfit = narrow * (MISFIT_TO_ERROR * between + self.at.penetration_mm).max(unseen);
-        Some(misfit / depth + outcome.residual + FRICTION_TO_ERROR * self.at.unsettled)
+        // Each side is wrong by half of what differs between them.
+        let askew = match self.at.straight_down {
+            true => 0.5 * symmetry::lost_mm(grid, &self.at.u, indenter, &self.at.pose),
+            false => 0.0,
+        };
+        Some((misfit + askew) / depth + outcome.residual + FRICTION_TO_ERROR * self.at.unsettled)
     }
 
     /// Refuses contact beside the pad or too close to its edge.

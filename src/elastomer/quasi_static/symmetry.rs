@@ -1,0 +1,68 @@
+//! Symmetry that a press has to keep: what it has not kept is an error that can be seen without knowing the answer.
+//!
+//! A mirrored body that comes straight down over the middle of the pad leaves a mirrored face, as long as the pad is
+//! stable. Near the depth at which it is not, rounding and what the stopping leaves decide to which side it gives.
+
+use super::grid::Grid;
+use crate::indenter::Indenter;
+use crate::pose::Pose;
+use glam::DVec3;
+
+/// Points at which a body is compared with its mirror images.
+const PROBES: u32 = 200;
+/// Difference of distances that is none, mm.
+const SAME_MM: f64 = 1e-6;
+
+/// Largest difference between the heights of mirrored control points of the face, mm; 0 where nothing is mirrored. The
+/// way to `pose` must have led straight down.
+pub fn lost_mm(grid: &Grid, u: &[f32], indenter: &dyn Indenter, pose: &Pose) -> f64 {
+    if [pose.x_mm, pose.y_mm, pose.theta_deg] != [0.0; 3] {
+        return 0.0;
+    }
+    let cx = grid.cx();
+    let z = &u[grid.at(2, grid.layers() - 1)..][..grid.plane()];
+    let cy = z.len() / cx;
+    let [in_x, in_y] = mirrors(indenter);
+    let mut most = 0.0f32;
+    for (n, height) in z.iter().enumerate() {
+        let (i, j) = (n % cx, n / cx);
+        if in_x {
+            most = most.max((height - z[j * cx + cx - 1 - i]).abs());
+        }
+        if in_y {
+            most = most.max((height - z[(cy - 1 - j) * cx + i]).abs());
+        }
+    }
+    f64::from(most)
+}
+
+/// Whether a body is its own image when x changes sign, and when y does.
+fn mirrors(body: &dyn Indenter) -> [bool; 2] {
+    let [hx, hy] = body.half_extent_mm();
+    // Low-discrepancy sequences over a little more than the body.
+    let at = |k: u32, half: f64, step: f64| half * ((f64::from(k) * step).fract() * 2.2 - 1.1);
+    [DVec3::new(-1.0, 1.0, 1.0), DVec3::new(1.0, -1.0, 1.0)].map(|mirror| {
+        (0..PROBES).all(|k| {
+            let p = DVec3::new(at(k, hx, 0.618), at(k, hy, 0.414), 0.3 * f64::from(k % 7));
+            (body.distance(mirror * p) - body.distance(p)).abs() < SAME_MM
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::Sphere;
+    use super::*;
+
+    #[test]
+    fn what_differs_between_the_sides_of_a_mirrored_press_is_told() {
+        let grid = Grid::new([4.0, 4.0, 1.0], 0.5, 1.0, 1.4);
+        let mut u = vec![0.0; grid.field_len()];
+        let centred = Pose::new(0.0, 0.0, -0.2, 0.0);
+        assert_eq!(lost_mm(&grid, &u, &Sphere(1.0), &centred), 0.0);
+        u[grid.at(2, grid.layers() - 1) + 3 * grid.cx() + 2] = 0.01;
+        assert_eq!(lost_mm(&grid, &u, &Sphere(1.0), &centred), f64::from(0.01f32));
+        // Beside the middle nothing is known.
+        assert_eq!(lost_mm(&grid, &u, &Sphere(1.0), &Pose { x_mm: 1.0, ..centred }), 0.0);
+    }
+}
