@@ -39,11 +39,12 @@ impl LightBasis {
     /// When the picture has another size.
     pub fn fit(&self, picture: &Film, counts: impl Fn(usize) -> bool) -> Result<Vec<Vec3>, Error> {
         let n = self.films.len();
-        if self.films.iter().any(|f| (f.width, f.height) != (picture.width, picture.height)) {
+        let differs = |f: &&Film| (f.width, f.height) != (picture.width, picture.height);
+        if let Some(f) = self.films.iter().find(differs) {
             return Err(Error::Setting {
-                key: "camera",
-                value: format!("{} x {}", picture.width, picture.height),
-                why: "the picture to be fitted must have the size of the simulated ones".to_owned(),
+                key: "picture to be fitted",
+                value: format!("{} x {} pixels", picture.width, picture.height),
+                why: format!("the simulated ones have {} x {}; scale or crop it to that", f.width, f.height),
             });
         }
         let pixels: Vec<usize> = (0..picture.pixels.len()).filter(|k| counts(*k)).collect();
