@@ -1,17 +1,18 @@
 //! The quasi-static elastomer: every waypoint is an equilibrium of the bonded pad.
 //!
 //! Total-Lagrangian, on quadratic B-splines over a grid that fits the pad ([`grid`]), laid over domes, cylinders and
-//! rounded edges by a map ([`chart`]); what it is made of ([`body`], [`stack`]); stresses and
-//! tangents from the stored energy ([`law`], [`operator`]); unilateral contact with Coulomb or infinite
-//! friction against the indenter's signed distance ([`contact`]); Newton's method with conjugate gradients
-//! ([`newton`]), preconditioned by the inverse of the undeformed layer ([`layer`]) with the contact
-//! springs added by the Woodbury formula ([`springs`], [`cholesky`]), along a bent face ([`frames`]). Relative rest, which the explicit modes reach by
-//! looping, is here the friction law itself.
+//! rounded edges by a map ([`chart`]); what it is made of ([`body`], [`stack`]); stresses and tangents from the stored
+//! energy ([`law`], [`operator`]); unilateral contact with Coulomb or infinite friction against the indenter's signed
+//! distance ([`contact`]); Newton's method with conjugate gradients ([`newton`]), preconditioned by the inverse of the
+//! undeformed layer ([`layer`]) with the contact springs added by the Woodbury formula ([`springs`], [`cholesky`]),
+//! along a bent face ([`frames`]). Relative rest, which the explicit modes reach by looping, is here the friction law
+//! itself.
 //!
 //! A path is followed in increments ([`level`]), first on coarse grids, whose answers are the guesses of finer ones
-//! ([`cascade`], [`bridge`]); what an increment leaves behind is the displacement and, with friction, the anchors of the points that
-//! touch. Nothing is computed before the first touch. An increment that does not converge is halved, and given up with
-//! a typed error in the end.
+//! ([`cascade`], [`bridge`]); what an increment leaves behind is the displacement and, with friction, the anchors of the
+//! points that touch. Nothing is computed before the first touch. An increment that does not converge is halved, and
+//! given up with a typed error in the end. What an answer lacks it states ([`level`], [`probe`], [`symmetry`]), and
+//! where that is too much, finer cells are tried (`refinement`).
 
 #![allow(
     clippy::needless_range_loop,
@@ -39,7 +40,7 @@ mod refinement;
 pub mod resolution;
 pub mod springs;
 pub mod stack;
-mod symmetry;
+pub mod symmetry;
 pub mod waves;
 
 use super::interrupt::Interrupt;

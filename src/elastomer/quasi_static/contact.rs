@@ -10,7 +10,8 @@
 //! A point that touches gets an anchor on the indenter; the tangential traction is a multiplier and a spring
 //! to the anchor, capped at the friction bound, which is held fixed during a solve and brought up to date
 //! between solves, so that every solve minimises a potential. Anchors are dropped on separation, after a
-//! solve and never inside it.
+//! solve and never inside it; and a point that is deep in the indenter is pushed out by one plane for a whole
+//! solve ([`side`]), because the nearest side of a body changes from place to place by a jump.
 //!
 //! Infinite friction has a strength, too: beyond [`STICK_STRENGTH`] shear moduli of traction a point slips.
 //! A neo-Hookean face sheared much further folds ahead of the contact (Biot's surface instability), finer than
@@ -320,7 +321,8 @@ impl Contacts {
         }
     }
 
-    /// Chooses anew by what side each point is pushed out. During a solve that stays: where the force of a point jumps, no step finds its zero.
+    /// Chooses anew by what side each deep point is pushed out. During a solve that stays: where the force of a point
+    /// jumps from one side to another, no step finds its zero.
     pub fn choose_sides(&mut self, indenter: &dyn Indenter, pose: &Pose, u: &[f32]) {
         let mut samples = std::mem::take(&mut self.samples);
         for s in samples.iter_mut().filter(|s| s.entry.is_some() || s.anchor.is_some()) {
