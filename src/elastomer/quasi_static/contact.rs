@@ -245,7 +245,7 @@ impl Contacts {
             let reach = s.multiplier / k;
             let near = p.z >= -reach && p.x.abs() <= hx + reach && p.y.abs() <= hy + reach;
             let held = s.loaded;
-            let known = s.loaded || s.anchor.is_some() || s.pushed_by.is_some();
+            let known = held || s.anchor.is_some() || s.pushed_by.is_some();
             if (self.bilateral || !near) && !known {
                 continue;
             }
