@@ -27,6 +27,7 @@ mod grid;
 mod ground;
 mod horizon;
 mod lanes;
+mod lookout;
 mod plate;
 mod probes;
 mod radiosity;

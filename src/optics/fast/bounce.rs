@@ -2,14 +2,17 @@
 //!
 //! The picture is cut into cells of about a quarter of a millimetre, each with its mean height, normal and irradiance. From
 //! each the pad's profile is followed in a few directions: where it rises above what was seen before, its radiance takes
-//! the place of what the untouched sensor has there. One bounce, from the light that is there already; what
-//! follows is a small part of a small part. (Horizon-based indirect lighting, Bavoil and Sainz 2008, on a coarse raster.)
+//! the place of what the untouched sensor has there, up to the edge itself, which lies between cells. One bounce, from the
+//! light that is there already; what follows is a small part of a small part. (Horizon-based indirect lighting, Bavoil and
+//! Sainz 2008, on a coarse raster.)
 //!
 //! The same horizons tell what each cell sends towards the walls; what they give back is the [`echo`](super::echo).
 
 use super::echo::{self, Echo, PER_WEIGHT, RISES, SLOPES};
 use super::grid::Grid;
+use super::horizon::Heights;
 use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, lanes, with_widest};
+use super::lookout::Lookout;
 use super::probes::{self, NUMBERS};
 use super::skyline;
 use glam::{Vec2, Vec3};
@@ -29,6 +32,8 @@ const EVEN: f32 = 4e-3;
 const NOWHERE: f32 = -1e4;
 /// Cells are no nearer to each other than this, in their edges.
 const NEAREST: f32 = 0.3;
+/// What rises on by this slope above the line of sight has an edge, which is looked for.
+const EDGED: f32 = 0.3;
 /// A cell's light is changed by at most this factor, where next to none was.
 const MOST: f32 = 3.0;
 
@@ -88,6 +93,8 @@ pub struct Cells<'a> {
     pub eye: Vec3,
     /// From where to where the pad goes.
     pub extent: [Vec2; 2],
+    /// The pad as it is.
+    pub heights: &'a Heights,
     /// What walls do, where they do anything.
     pub echo: Option<&'a Echo>,
 }
@@ -125,11 +132,8 @@ struct Means {
     highest: f32,
 }
 
-/// Cells beside the picture: as far as is looked.
-const MARGIN: usize = 44;
-
-/// Where to look in a direction: cells aside and down.
-type Steps = [(isize, isize); DISTANCES.len()];
+/// Cells beside the picture: as far as is looked, and what stands high there.
+const MARGIN: usize = 56;
 
 impl Cells<'_> {
     /// What a cell at the border of the picture stands for, in cells: what is beyond is taken to be as it is.
@@ -197,14 +201,6 @@ impl Cells<'_> {
     ) -> Changes {
         let ([nx, _], films) = (self.size, self.lights.len());
         let means = self.means(&untouched, &rest);
-        let steps: [Steps; DIRECTIONS] = std::array::from_fn(|direction| {
-            let ahead = ahead(direction);
-            // In the picture y runs downwards, on the pad upwards.
-            DISTANCES.map(|distance| {
-                let q = (Vec2::new(ahead.x, -ahead.y) * distance + 0.5).floor();
-                (q.x as isize, q.y as isize)
-            })
-        });
         let mut gains = vec![Vec3::ONE; self.cells.len() * films];
         // Rows that send together; by cell, picture and direction.
         let in_row = nx.div_ceil(SENDING) * films * echo::DIRECTIONS;
@@ -212,8 +208,8 @@ impl Cells<'_> {
         gains.par_chunks_mut(SENDING * nx * films).zip(sent.par_chunks_mut(in_row)).enumerate().for_each(
             |(k, (out, sent))| {
                 for (j, out) in out.chunks_mut(nx * films).enumerate() {
-                    let (cells, means, steps, untouched) = (self, &means, &steps, &untouched);
-                    with_widest(Row { cells, means, steps, untouched, j: SENDING * k + j, out, sent });
+                    let (cells, means, untouched) = (self, &means, &untouched);
+                    with_widest(Row { cells, means, untouched, j: SENDING * k + j, out, sent });
                 }
             },
         );
@@ -275,7 +271,6 @@ impl Means {
 struct Row<'a, S> {
     cells: &'a Cells<'a>,
     means: &'a Means,
-    steps: &'a [Steps; DIRECTIONS],
     untouched: &'a S,
     j: usize,
     out: &'a mut [Vec3],
@@ -350,7 +345,13 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         let flat = Eight::all(1e-3).below(nz);
         let [plane_x, plane_y] = [nx, ny].map(|n| flat.choose((-n).over(nz), zero));
         let reflected = self.cells.albedo * FRAC_1_PI;
-        for (direction, steps) in self.steps.iter().enumerate() {
+        let farthest = DISTANCES[DISTANCES.len() - 1] * self.cells.edge_mm;
+        // By picture: what was seen last, and the untouched ground there.
+        let mut tops = vec![[Vectors::all(Vec3::ZERO); 2]; sums.len()];
+        let middle = (0..lanes).min_by_key(|k| (!z.0[*k].is_finite(), k.abs_diff(lanes / 2))).unwrap_or(0);
+        let stands = Vec3::new(x.0[middle], y.0[middle], z.0[middle].max(NOWHERE));
+        let lookout = Lookout::new(stands, self.cells.eye.z, self.cells.edge_mm);
+        for direction in 0..DIRECTIONS {
             let ahead = ahead(direction);
             let along = nx * Eight::all(ahead.x) + ny * Eight::all(ahead.y);
             // Elevations as slopes. Below the surface's own plane nothing arrives.
@@ -361,13 +362,19 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
             // Where the step before showed something, what shows next lies between the two; first of all the cell itself.
             let mut shown: Option<(usize, Mask)> = Some((at, zero.below(Eight::all(1.0))));
             let mut turned = zero;
-            let back = steps[0].0 + steps[0].1 * means.stride as isize;
-            for (aside, down) in steps {
-                let row = self.j as isize + down;
-                if row < 0 || row >= self.cells.size[1] as isize {
-                    break;
-                }
-                let k = ((at as isize) + aside + down * means.stride as isize) as usize;
+            let mut steep = zero;
+            let back = self.neighbour(lookout.cells_to(ahead * self.cells.edge_mm, stands.z)).unwrap_or(0);
+            let mut height = stands.z;
+            for distance in DISTANCES {
+                let ahead_mm = ahead * (distance * self.cells.edge_mm);
+                // How high it is there is known when it is found: the second look is at the right place.
+                let Some(first) = self.neighbour(lookout.cells_to(ahead_mm, height)) else { break };
+                let there = means.heights[(at + middle).wrapping_add_signed(first)];
+                let second = lookout.tells((there - height).abs()).then(|| {
+                    height = there;
+                    self.neighbour(lookout.cells_to(ahead_mm, there))
+                });
+                let k = at.wrapping_add_signed(second.flatten().unwrap_or(first));
                 // (The picture moves what is high: places tell how far away it is.)
                 let (dx, dy) = (Means::eight(&means.places[0], k) - x, Means::eight(&means.places[1], k) - y);
                 let away = (dx * dx + dy * dy).sqrt().max(nearest);
@@ -382,21 +389,26 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                     continue;
                 }
                 let now = weight(rise, along, nz);
-                let positive = zero.below(rise);
-                let of_sky = positive.choose(now - zero.below(before).choose(below, zero), zero);
-                let of_ground = before.below(zero).choose(positive.choose(zero, now) - below, zero);
-                let (of_sky, of_ground) = (risen.choose(of_sky, zero), risen.choose(of_ground, zero));
+                let [of_sky, of_ground] = shares([before, below], [rise, now], risen);
                 if skies.is_empty() {
                     self.gather(at, lanes, skies);
                 }
                 let middle = (before.max(zero) + rise) * Eight::all(0.5);
-                // How far what is there, and what was there before, is turned towards the eight.
+                // How much is seen of a step on what is there, and on what was there before: by how much its slope is above
+                // the line of sight.
                 let normal = |c: usize| Means::eight(&means.normals[c], k);
-                let toward = -(normal(0) * dx + normal(1) * dy + normal(2) * dz).over(away);
-                if shown.is_some_and(|(nearer, _)| nearer == at) {
-                    turned = (nx * dx + ny * dy + nz * dz).over(away).max(least);
-                }
+                let toward =
+                    -(normal(0) * dx + normal(1) * dy + normal(2) * dz).over(away * normal(2).max(least));
                 let hides = toward.below(least);
+                if shown.is_some_and(|(nearer, _)| nearer == at) {
+                    // Of the cell itself half is in that where both planes meet halfway, and nothing where they meet at an end.
+                    let own = (nx * dx + ny * dy + nz * dz).over(away * nz.max(least)).max(least);
+                    let halfway = (toward * own * Eight::all(2.0)).over((toward + own) * (toward + own));
+                    let beside = toward * halfway.over(Eight::all(1.0) - halfway);
+                    turned = hides.choose(Eight::all(1.0), beside.max(least));
+                }
+                let step =
+                    k.checked_add_signed(-back).filter(|s| s + WIDTH <= means.heights.len()).unwrap_or(k);
                 let toward = toward.max(least);
                 for (film, sum) in sums.iter_mut().enumerate() {
                     let environment = skyline::radiance(&skies[film], direction, middle);
@@ -408,7 +420,6 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                     let mut light = Means::light(&means.lights[film], k);
                     if hides.any() {
                         // The top of a step is not seen, but what rises to it.
-                        let step = (k as isize - back) as usize;
                         light = hides.pick(Means::light(&means.lights[film], step), light);
                     }
                     if let Some((nearer, of)) = shown {
@@ -421,14 +432,44 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                     *sum = *sum
                         + (radiance - environment).scaled(of_sky)
                         + (radiance - ground).scaled(of_ground);
+                    tops[film] = [risen.pick(radiance, tops[film][0]), risen.pick(ground, tops[film][1])];
                 }
                 (shown, turned) = (Some((k, risen)), toward);
+                steep = risen.choose(hides.choose(steep, toward), steep);
                 before = risen.choose(rise, before);
                 below = risen.choose(now, below);
+            }
+            let rose = Eight::all(EDGED).below(steep);
+            if rose.any() {
+                // What was seen last goes on to its edge, which lies between the middles of cells.
+                let mut top = before;
+                for lane in (0..lanes).filter(|lane| rose.lane(*lane)) {
+                    let p = Vec3::new(x.0[lane], y.0[lane], z.0[lane]);
+                    top.0[lane] =
+                        self.cells.heights.horizon(p, ahead, farthest, before.0[lane], f32::INFINITY);
+                }
+                let now = weight(top, along, nz);
+                let [of_sky, of_ground] = shares([before, below], [top, now], rose);
+                let middle = (before.max(zero) + top) * Eight::all(0.5);
+                for (film, sum) in sums.iter_mut().enumerate() {
+                    let environment = skyline::radiance(&skies[film], direction, middle);
+                    let [radiance, ground] = tops[film];
+                    *sum = *sum
+                        + (radiance - environment).scaled(of_sky)
+                        + (radiance - ground).scaled(of_ground);
+                }
+                (before, below) = (top, now);
             }
             horizons[direction] = [before, below];
         }
         horizons
+    }
+
+    /// By how much the index of a cell of this row differs from that of another, unless that is beyond the picture.
+    #[inline(always)]
+    fn neighbour(&self, (aside, down): (isize, isize)) -> Option<isize> {
+        let row = self.j.checked_add_signed(down).filter(|row| *row < self.cells.size[1]);
+        row.map(|_| aside.clamp(-(MARGIN as isize), MARGIN as isize) + down * self.means.stride as isize)
     }
 
     /// Eight level cells in the open: more or less light than before goes everywhere as from an even face.
@@ -469,16 +510,18 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
             let rest_along = rx * Eight::all(ahead.x) + ry * Eight::all(ahead.y);
             let plane = (-rest_along).over(rz);
             let rest_below = weight(plane, rest_along, rz);
-            let from = |k: usize, along: Eight, up: Eight, horizon: Eight, below: Eight| {
-                let edge = SLOPES.get(k).map_or(steepest, |s| Eight::all(*s));
+            // What leaves from high up meets a wall where steeper light from the level would; what meets none is the pad's.
+            let lift = self.lift(at, ahead);
+            let from = |k: usize, lift: Eight, along: Eight, up: Eight, horizon: Eight, below: Eight| {
+                let edge = SLOPES.get(k).map_or(steepest, |s| Eight::all(*s)) - lift;
                 horizon.below(edge).choose(weight(edge, along, up), below)
             };
-            let mut low = [from(0, along, nz_, *slope, *below), from(0, rest_along, rz, plane, rest_below)];
+            let of_both = |k: usize| {
+                [from(k, lift, along, nz_, *slope, *below), from(k, zero, rest_along, rz, plane, rest_below)]
+            };
+            let mut low = of_both(0);
             for rise in 0..RISES {
-                let high = [
-                    from(rise + 1, along, nz_, *slope, *below),
-                    from(rise + 1, rest_along, rz, plane, rest_below),
-                ];
+                let high = of_both(rise + 1);
                 parts[direction * RISES + rise] = [(high[0] - low[0]) * area, (high[1] - low[1]) * rest_area];
                 low = high;
             }
@@ -496,6 +539,20 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                 *to += (now.scaled(*part) - before.scaled(*rest)).sums() * self.cells.albedo;
             }
         }
+    }
+
+    /// By how much the slope from the level to where a wall stands differs from that from each of eight cells, if it stands
+    /// at the rim of the pad.
+    #[inline(always)]
+    fn lift(&self, at: usize, ahead: Vec2) -> Eight {
+        let [low, high] = self.cells.extent;
+        let away = |c: usize| {
+            let place = Means::eight(&self.means.places[c], at);
+            let wall = Eight::all(if ahead[c] > 0.0 { high[c] } else { low[c] });
+            (wall - place) * Eight::all(1.0 / ahead[c])
+        };
+        let far = away(0).min(away(1)).max(Eight::all(self.cells.edge_mm));
+        Means::eight(&self.means.heights, at).max(Eight::all(0.0)).over(far)
     }
 
     /// The untouched sensor's walls at eight cells, by picture.
@@ -524,6 +581,16 @@ fn ahead(direction: usize) -> Vec2 {
     Vec2::from_angle((direction as f32 + 0.5) * (TAU / DIRECTIONS as f32))
 }
 
+/// What rises from one slope and its weight to another hides of what is above the level, and of what is below.
+#[inline(always)]
+fn shares([before, below]: [Eight; 2], [rise, now]: [Eight; 2], risen: Mask) -> [Eight; 2] {
+    let zero = Eight::all(0.0);
+    let positive = zero.below(rise);
+    let of_sky = positive.choose(now - zero.below(before).choose(below, zero), zero);
+    let of_ground = before.below(zero).choose(positive.choose(zero, now) - below, zero);
+    [risen.choose(of_sky, zero), risen.choose(of_ground, zero)]
+}
+
 /// Integral of cos(tilt) cos(elevation) up to elevations of these slopes, for normals with the part `along` ahead and
 /// `up` upwards; 0 at slope 0.
 #[inline(always)]
@@ -542,10 +609,20 @@ mod tests {
         edge_mm: f32,
         cells: &'a [Cell],
         lights: &'a [Vec<Vec3>],
+        heights: &'a Heights,
         extent: [Vec2; 2],
     ) -> Cells<'a> {
-        let eye = Vec3::new(0.0, 0.0, 20.0);
-        Cells { size, edge_mm, cells, lights, most_count: 1.0, albedo: Vec3::ONE, eye, extent, echo: None }
+        let (eye, albedo) = (Vec3::new(0.0, 0.0, 20.0), Vec3::ONE);
+        Cells { size, edge_mm, cells, lights, most_count: 1.0, albedo, eye, extent, heights, echo: None }
+    }
+
+    /// A pad of these heights.
+    fn heights(extent: [Vec2; 2], z: impl Fn(Vec2) -> f32) -> Heights {
+        let n = 401;
+        let share = |k: usize| Vec2::new((k % n) as f32, (k / n) as f32) / (n - 1) as f32;
+        let at = |k: usize| extent[0] + (extent[1] - extent[0]) * share(k);
+        let positions: Vec<Vec3> = (0..n * n).map(|k| at(k).extend(z(at(k)))).collect();
+        Heights::new(&positions, [n, n], 0.05)
     }
 
     #[test]
@@ -572,49 +649,58 @@ mod tests {
         assert!(!steep && cell == flat);
     }
 
-    /// A wall of height 1 along x = 0 before a floor: the floor sees it under a known form factor.
+    /// A wall of height 1 along x = `edge_x`, up to which the eye sees a floor and beyond which a plateau.
+    fn step(edge_x: f32) -> ([usize; 2], f32, Vec<Cell>) {
+        let (nx, ny, edge) = (81, 81, 0.25);
+        let at = |k: usize| (Vec2::new((k % nx) as f32, (ny - 1 - k / nx) as f32) - 40.0) * edge;
+        // What is seen at a place of the level is nearer to the middle where it is high.
+        let cell = |k: usize| {
+            let (floor, plateau) = (at(k), at(k) * (1.0 - 1.0 / 20.0));
+            let flat = |p: Vec3| Cell { position: p, normal: Vec3::Z, area: 1.0, level: 1.0, count: 1.0 };
+            if (floor.x - 0.5 * edge..floor.x + 0.5 * edge).contains(&edge_x) {
+                let position = Vec3::new(edge_x, floor.y, 0.5);
+                return Cell { position, normal: -Vec3::X, area: 1.0 / edge, level: 1.0, count: 1.0 };
+            }
+            if floor.x < edge_x { flat(floor.extend(0.0)) } else { flat(plateau.extend(1.0)) }
+        };
+        ([nx, ny], edge, (0..nx * ny).map(cell).collect())
+    }
+
+    /// The floor sees the wall under a known form factor, in the middle of the picture and towards its border, where what
+    /// is high is seen elsewhere than it stands.
     #[test]
     fn a_step_lights_its_foot_by_its_form_factor() {
-        let (nx, ny, edge) = (81, 81, 0.25);
-        let at = |k: usize| ((k % nx) as f32 - 40.5) * edge;
-        let cells: Vec<Cell> = (0..nx * ny)
-            .map(|k| Cell {
-                position: Vec3::new(
-                    at(k),
-                    (40.5 - (k / nx) as f32) * edge,
-                    if at(k) > 0.0 { 1.0 } else { 0.0 },
-                ),
-                // Its first row is the face of the step.
-                normal: if (0.0..edge).contains(&at(k)) { -Vec3::X } else { Vec3::Z },
-                area: 1.0,
-                level: 1.0,
-                count: 1.0,
-            })
-            .collect();
-        // The plateau shines, the floor is dark, so is the sky.
-        let light: Vec<Vec3> =
-            (0..nx * ny).map(|k| if at(k) > 0.0 { Vec3::ONE } else { Vec3::splat(1e-3) }).collect();
-        let lights = [light.clone(), light.iter().map(|l| *l * 2.0).collect()];
-        let extent = [Vec2::splat(-10.125), Vec2::splat(10.125)];
-        let all = white([nx, ny], edge, &cells, &lights, extent);
-        let dark = |_, _| Untouched { sky: [0.0; skyline::NUMBERS], ground: Vec3::ZERO };
-        let rest = |_| Vec3::Z;
-        let gains = all.changes(dark, rest).gains;
-        // An endless wall of height h at distance d fills (1 - cos(atan(h/d)))/2 of the floor's view.
-        for i in [12, 20, 36, 38] {
-            let d = -at(40 * nx + i);
-            let truth: f32 = 0.5 * (1.0 - d / d.hypot(1.0));
+        for edge_x in [0.06, 5.06] {
+            let ([nx, ny], edge, cells) = step(edge_x);
+            let extent = [Vec2::splat(-10.125), Vec2::splat(10.125)];
+            let pad = heights(extent, |p| f32::from(u8::from(p.x > edge_x)));
+            let foot = cells.iter().position(|c| c.position.z > 0.0).unwrap();
+            // The wall shines as does what is behind it; the sky is dark, as is the ground in the eyes of the wall.
+            let light: Vec<Vec3> =
+                cells.iter().map(|c| Vec3::splat(if c.position.z > 0.0 { c.area } else { 1e-3 })).collect();
+            let lights = [light.clone(), light.iter().map(|l| *l * 2.0).collect()];
+            let all = white([nx, ny], edge, &cells, &lights, &pad, extent);
+            let dark = |_, _| Untouched { sky: [0.0; skyline::NUMBERS], ground: Vec3::ZERO };
+            let rest = |_| Vec3::Z;
+            let gains = all.changes(dark, rest).gains;
             // (The change is told as part of the light that is there, which is bounded: brighter ground is changed less.)
-            let bright: Vec<Vec3> = light.iter().map(|l| l.max(Vec3::ONE)).collect();
-            let lights = [bright];
-            let gain = Cells { lights: &lights, ..all }.changes(dark, rest).gains[0][40 * nx + i].x;
-            assert!(((gain - 1.0) / truth - 1.0).abs() < 0.25, "{d}: {gain} {truth}");
-        }
-        assert!(gains[0][40 * nx + 38].x > 2.9, "what was dark is bounded");
-        assert_eq!(gains[0][40 * nx + 60], Vec3::ONE, "from the plateau nothing higher is seen");
-        // Twice the light is twice the change.
-        for (a, b) in gains[0].iter().zip(&gains[1]) {
-            assert!((*a - *b).abs().max_element() < 1e-5, "{a} {b}");
+            let bright = [cells.iter().map(|c| Vec3::splat(c.area)).collect()];
+            let of_bright = Cells { lights: &bright, ..all }.changes(dark, rest).gains;
+            // An endless wall of height h at distance d fills (1 - cos(atan(h/d)))/2 of the floor's view.
+            for i in [foot - 20, foot - 12, foot - 5, foot - 3, foot - 2, foot - 1] {
+                let k = 40 * nx + i;
+                let d = edge_x - cells[k].position.x;
+                let truth: f32 = 0.5 * (1.0 - d / d.hypot(1.0));
+                let gain = of_bright[0][k].x;
+                assert!(((gain - 1.0) / truth - 1.0).abs() < 0.1, "{edge_x} {d}: {gain} {truth}");
+            }
+            let k = 40 * nx + foot;
+            assert!(gains[0][k - 1].x > 2.9, "what was dark is bounded");
+            assert_eq!(gains[0][k + 15], Vec3::ONE, "from the plateau nothing higher is seen");
+            // Twice the light is twice the change.
+            for (a, b) in gains[0].iter().zip(&gains[1]) {
+                assert!((*a - *b).abs().max_element() < 1e-5, "{a} {b}");
+            }
         }
     }
 
@@ -631,7 +717,9 @@ mod tests {
             })
             .collect();
         let lights = [vec![Vec3::ONE; nx * ny]];
-        let all = white([nx, ny], edge, &cells, &lights, [Vec2::ZERO, Vec2::ONE]);
+        let extent = [Vec2::new(0.0, -8.0), Vec2::new(10.0, 0.0)];
+        let pad = heights(extent, |p| 0.9 * p.x - 0.4 * p.y);
+        let all = white([nx, ny], edge, &cells, &lights, &pad, extent);
         let dark = |_, _| Untouched { sky: [0.0; skyline::NUMBERS], ground: Vec3::ZERO };
         for gain in &all.changes(dark, |_| Vec3::Z).gains[0] {
             assert!((*gain - Vec3::ONE).abs().max_element() < 1e-3, "{gain}");
@@ -644,7 +732,8 @@ mod tests {
         let (size, edge) = ([20, 10], 0.25);
         let extent = [Vec2::new(-3.0, -2.0), Vec2::new(3.5, 1.5)];
         let (cells, lights) = (Vec::new(), Vec::new());
-        let all = white(size, edge, &cells, &lights, extent);
+        let pad = heights(extent, |_| 0.0);
+        let all = white(size, edge, &cells, &lights, &pad, extent);
         let mut sum = 0.0;
         for (i, j) in (0..size[0]).flat_map(|i| (0..size[1]).map(move |j| (i, j))) {
             let p = Vec3::new((i as f32 + 0.5) * edge - 2.5, 1.25 - (j as f32 + 0.5) * edge, 0.0);

@@ -22,9 +22,9 @@ use std::f32::consts::{PI, TAU};
 
 /// Directions around in which cells send.
 pub const AROUND: usize = 16;
-/// Ranges of elevation, and the slopes between them; the last is upright. (The first takes in what goes downwards.)
+/// Ranges of elevation from the level, and the slopes between them; the last is upright.
 pub const RISES: usize = 4;
-pub const SLOPES: [f32; RISES] = [-0.3, 0.25, 0.7, 1.6];
+pub const SLOPES: [f32; RISES] = [0.0, 0.25, 0.7, 1.6];
 /// Directions of a cell.
 pub const DIRECTIONS: usize = AROUND * RISES;
 /// Rays of a direction.

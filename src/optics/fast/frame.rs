@@ -178,6 +178,7 @@ impl Frame<'_> {
                 albedo,
                 eye,
                 extent,
+                heights: self.heights,
                 echo,
             };
             let skylines = match lights.len() {
