@@ -351,7 +351,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         let middle = (0..lanes).min_by_key(|k| (!z.0[*k].is_finite(), k.abs_diff(lanes / 2))).unwrap_or(0);
         let stands = Vec3::new(x.0[middle], y.0[middle], z.0[middle].max(NOWHERE));
         let lookout = Lookout::new(stands, self.cells.eye.z, self.cells.edge_mm);
-        for direction in 0..DIRECTIONS {
+        for (direction, horizon) in horizons.iter_mut().enumerate() {
             let ahead = ahead(direction);
             let along = nx * Eight::all(ahead.x) + ny * Eight::all(ahead.y);
             // Elevations as slopes. Below the surface's own plane nothing arrives.
@@ -460,7 +460,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                 }
                 (before, below) = (top, now);
             }
-            horizons[direction] = [before, below];
+            *horizon = [before, below];
         }
         horizons
     }
