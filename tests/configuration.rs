@@ -37,6 +37,7 @@ fn every_shipped_rig_loads_with_the_protocols_and_the_sensor_it_names() {
             assert!(setup.protocols.contains_key(&mover.protocol), "{name}: {}", mover.protocol);
         }
         assert_eq!(setup.sensor.is_none(), setup.rig.is_virtual(), "{name}");
+        assert_eq!(setup.rig.optics.mode, config::OpticsMode::Fast, "{name}");
     }
 }
 
@@ -103,7 +104,7 @@ fn every_override_of_the_conventions_reaches_its_setting() {
             "elastomer.poisson_ratio=0.4",
             "elastomer.friction=infinite",
             "elastomer.tolerance=0.02",
-            "optics.mode=fast",
+            "optics.mode=reference",
             "twin.poses=measured",
             "plan.slide.distance_mm=2",
             "plan.indenters[3].edge_round_mm=0.1",
@@ -119,7 +120,7 @@ fn every_override_of_the_conventions_reaches_its_setting() {
     assert_eq!(elastomer.law, Some(Law::FixedCorotated));
     assert_eq!((elastomer.youngs_modulus_mpa, elastomer.poisson_ratio), (Some(0.2), Some(0.4)));
     assert_eq!((elastomer.friction, elastomer.tolerance), (Friction::Infinite, 0.02));
-    assert_eq!(setup.rig.optics.mode, config::OpticsMode::Fast);
+    assert_eq!(setup.rig.optics.mode, config::OpticsMode::Reference);
     assert_eq!(setup.rig.twin.poses, config::TwinPoses::Measured);
     assert_eq!(setup.rig.world.unwrap().contact_offset_mm, -0.1);
     assert_eq!(setup.rig.devices["arm"].axes["z"].max_feed, 9.0);

@@ -65,7 +65,7 @@ pub struct OpticsTable {
 
 impl Default for OpticsTable {
     fn default() -> Self {
-        Self { mode: OpticsMode::Reference, samples: 16, tolerance: 0.005, seed: 0 }
+        Self { mode: OpticsMode::Fast, samples: 16, tolerance: 0.005, seed: 0 }
     }
 }
 
