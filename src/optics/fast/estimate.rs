@@ -1,9 +1,11 @@
 //! How much work a tolerance takes, and what error to expect of a picture.
 
 use super::frame::{self, Effort};
+use super::grid::Grid;
 use super::horizon::Heights;
-use super::{Renderer, Source};
+use super::{Precomputed, Renderer, Source};
 use crate::optics::Albedo;
+use glam::Vec3;
 
 impl Effort {
     /// What it takes, as a rule (found by experiment on the scenes of the tests).
@@ -53,8 +55,9 @@ const MIDDLE: f64 = 0.005;
 /// A picture is rendered again where that takes its error to this part.
 const WORTHWHILE: f64 = 0.9;
 
-/// Error of a pad of one colour, and of a textured one, without anything of what follows.
-const BASE_ERROR: [f64; 2] = [0.002, 0.0025];
+/// Error of a pad of one colour, and of a textured one, under one light, without anything of what follows: of several lights
+/// each errs for itself.
+const BASE_ERROR: [f64; 2] = [0.00385, 0.0048];
 /// What a plate adds: its light is solved by fewer rays than it takes.
 const PLATE_ERROR: f64 = 0.004;
 /// What a curved face adds: what its press changes in the light of the walls is left out.
@@ -68,6 +71,20 @@ const ECHO_ERROR: f64 = 0.25;
 /// What steep flanks add, by the rms of |n - n0|^2 over the untouched normal n0: shadows' edges are interpolated between nodes.
 /// More so where bent horizons are not followed finely.
 const STEEP_ERROR: [f64; 2] = [0.022, 0.055];
+
+impl Precomputed {
+    /// How many lights of equal strength would be as many as those that light the untouched face.
+    fn lights_in_effect(&self) -> f64 {
+        let of_light = |(ground, radiance): (&Grid<3>, &Vec3)| {
+            let sum: Vec3 = ground.parts().1.iter().map(|e| Vec3::from(*e)).sum();
+            f64::from((sum * *radiance).element_sum())
+        };
+        // (The first is of all lights together.)
+        let lights: Vec<f64> = self.grounds[1..].iter().zip(&self.radiances).map(of_light).collect();
+        let squares: f64 = lights.iter().map(|e| e * e).sum();
+        if squares > 0.0 { lights.iter().sum::<f64>().powi(2) / squares } else { 1.0 }
+    }
+}
 
 impl Renderer<'_> {
     /// The same pad, rendered otherwise.
@@ -110,6 +127,7 @@ impl Renderer<'_> {
         let bounce = BOUNCE_ERROR * (pictures.bounced / n).sqrt() / mean;
         let spread = (pictures.spread / n).sqrt() / mean;
         let base = BASE_ERROR[usize::from(matches!(self.albedo, Albedo::Texture(_)))];
+        let base = base / self.once.lights_in_effect().sqrt();
         let echo = ECHO_ERROR * pictures.echoed.sqrt();
         let steep = STEEP_ERROR[usize::from(!effort.fine)] * pictures.steepness;
         let plate = if self.once.view.slab.is_some() { PLATE_ERROR } else { 0.0 };
@@ -124,6 +142,14 @@ mod tests {
     use super::super::tests::{ONCE, punch, scene};
     use super::*;
     use crate::optics::bench_scene::Variant;
+
+    #[test]
+    fn as_many_lights_count_as_shine() {
+        let all = ONCE.lights_in_effect();
+        assert!((3.0..4.0).contains(&all), "{all}");
+        let radiances: Vec<Vec3> = (0..4).map(|l| if l == 2 { Vec3::ONE } else { Vec3::ZERO }).collect();
+        assert!((ONCE.with_radiances(&radiances).unwrap().lights_in_effect() - 1.0).abs() < 1e-9);
+    }
 
     #[test]
     fn a_picture_above_its_tolerance_is_rendered_again_where_that_helps() {
