@@ -1,0 +1,182 @@
+//! One pad under a prepared sensor: what a frame needs anew, and its pictures.
+
+use super::frame::{self, Effort, Frame};
+use super::horizon::Heights;
+use super::raster::{self, Projected};
+use super::slots::Slots;
+use super::suited::{lattice_of, pad_of, same_but_pad_mesh, unsupported};
+use super::view::View;
+use super::{DIRECT_LIFT_MM, Precomputed};
+use crate::optics::basis::LightBasis;
+use crate::optics::reference::Sight;
+use crate::optics::{Albedo, Error, Film, Material, Mesh, Scene, to_pad};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// A pad as the prepared sensor sees it.
+pub struct Renderer<'a> {
+    pub(super) once: &'a Precomputed,
+    pub(super) mesh: Arc<Mesh>,
+    pub(super) lattice: [usize; 2],
+    pub(super) albedo: Albedo,
+    pub(super) heights: Heights,
+    pub(super) effort: Effort,
+    pub(super) tolerance: f64,
+}
+
+impl<'a> Renderer<'a> {
+    /// Makes the scene's pad ready. `tolerance` is the relRMSE asked for.
+    ///
+    /// # Errors
+    /// When anything but the pad's mesh differs from what was prepared, or the mesh is none for this mode.
+    pub fn new(once: &'a Precomputed, scene: &Scene, tolerance: f64) -> Result<Self, Error> {
+        if !(tolerance > 0.0 && tolerance <= 1.0) {
+            return Err(Error::Setting {
+                key: "tolerance",
+                value: tolerance.to_string(),
+                why: "it is a relative error above 0 and up to 1, e.g. 0.005".to_owned(),
+            });
+        }
+        let pad = pad_of(scene)?;
+        if !same_but_pad_mesh(scene, &once.fixed_scene) {
+            return Err(Error::Setting {
+                key: "mode",
+                value: "fast".to_owned(),
+                why: "more than the pad's mesh has changed since the sensor was prepared; prepare it anew"
+                    .to_owned(),
+            });
+        }
+        let Material::Lambert { albedo } = &pad.material else {
+            return Err(unsupported("coating", &pad.name, "only diffuse coatings"));
+        };
+        if matches!(albedo, Albedo::Texture(_)) && pad.mesh.uvs.is_empty() {
+            return Err(Error::Scene {
+                part: pad.name.clone(),
+                what: "it has a texture, but its mesh has no texture coordinates".to_owned(),
+                next: "give the mesh one coordinate a vertex, or use a constant albedo".to_owned(),
+            });
+        }
+        let lattice = lattice_of(&pad.mesh)?;
+        let p = &pad.mesh.positions;
+        if !p.par_iter().with_min_len(65_536).all(|p| p.is_finite()) {
+            // The full check names the vertex.
+            pad.mesh.check(&pad.name)?;
+        }
+        let lift = p.iter().step_by(1 + p.len() / 4096).map(|p| once.total.lift(*p));
+        let [low, high] = lift.fold([0.0f32; 2], |[l, h], lift| [l.min(lift), h.max(lift)]);
+        if low < 2.0 * DIRECT_LIFT_MM[0] || high > DIRECT_LIFT_MM[1] {
+            let value = format!("{low} to {high} mm above its untouched face");
+            return Err(unsupported("pad", &value, "pads that move by -1.5 to 3 mm"));
+        }
+        let mut effort = Effort::for_tolerance(tolerance);
+        // Without interreflection there is no bounce to look for.
+        let dark = matches!(albedo, Albedo::Constant(a) if *a == Vec3::ZERO);
+        effort.bounce = scene.max_events > 1 && !dark;
+        Ok(Self {
+            once,
+            mesh: pad.mesh.clone(),
+            lattice,
+            albedo: albedo.clone(),
+            heights: Heights::of(&pad.mesh, lattice, effort.cell),
+            effort,
+            tolerance,
+        })
+    }
+
+    /// Does what this scene does not need as well: shadow tests where no light can be hidden, the bounce where nothing
+    /// reflects. For measuring what leaving it out saves.
+    pub fn thorough(mut self) -> Self {
+        (self.effort.thorough, self.effort.bounce) = (true, true);
+        self
+    }
+
+    /// The vertices in a raster of pixels.
+    fn projected(&self) -> Vec<Vec3> {
+        let positions = self.mesh.positions.par_iter().with_min_len(4096);
+        positions.map(|p| self.once.view.project(*p)).collect()
+    }
+
+    /// What the centre of each pixel sees of the pad's face, row 0 on top; None where something else is in the way.
+    pub fn sights(&self) -> Vec<Option<Sight>> {
+        let view = &self.once.view;
+        let grain = self.once.grain;
+        let (width, height) = (view.camera.width / grain, view.camera.height / grain);
+        let mut vertices = self.projected();
+        let share = 1.0 / grain as f32;
+        vertices.par_iter_mut().with_min_len(4096).for_each(|v| *v *= Vec3::new(share, share, 1.0));
+        let samples =
+            Projected { lattice: self.lattice, vertices: &vertices, offset: 0.5 }.draw(width, height);
+        let sight = |(k, sample): (usize, &raster::Sample)| {
+            let (x, y) = (k % width, k / width);
+            // The fixed part at the corner at the middle, or below and to the right of it.
+            let corner = [x, y].map(|c| c * grain + grain.div_ceil(2));
+            let hidden = self.once.fixed(corner[0], corner[1]).is_some_and(|value| value > sample.value);
+            if sample.triangle == u32::MAX || hidden {
+                return None;
+            }
+            let ray = view.ray(Vec2::new(x as f32 + 0.5, y as f32 + 0.5) * grain as f32);
+            let point = View::point(ray, sample.value);
+            let uv = frame::uv(&self.mesh, self.lattice[0], sample.triangle, point);
+            Some(Sight { point: to_pad(point), uv })
+        };
+        samples.par_iter().with_min_len(4096).enumerate().map(sight).collect()
+    }
+
+    /// The picture.
+    pub fn render(&self) -> Film {
+        self.render_with_error().0
+    }
+
+    /// The picture and what relRMSE to expect of it. Where that would be above the tolerance, and more work would help, more is
+    /// done.
+    pub fn render_with_error(&self) -> (Film, f64) {
+        let (mut pictures, error) = self.within_tolerance();
+        (pictures.films.swap_remove(0), error)
+    }
+
+    /// One picture for each light of radiance 1, in the scene's order.
+    pub fn basis(&self) -> LightBasis {
+        let names = self.once.fixed_scene.lights.iter().map(|l| l.name.clone()).collect();
+        let n = self.once.sources.len();
+        let films = match n {
+            // A single picture is one of all lights together: here of a white one.
+            1 => self.pictures_of(&self.once.lit_by(&[Vec3::ONE]), 1).films,
+            _ => self.pictures(n).films,
+        };
+        LightBasis { names, films }
+    }
+
+    pub(super) fn pictures(&self, films: usize) -> frame::Pictures {
+        self.pictures_of(self.once, films)
+    }
+
+    fn pictures_of(&self, once: &Precomputed, films: usize) -> frame::Pictures {
+        let [columns, rows] = once.view.corners();
+        let vertices = self.projected();
+        let seen = Projected { lattice: self.lattice, vertices: &vertices, offset: 0.0 }.draw(columns, rows);
+        let varying = once.sources.iter().any(|s| !s.is_fixed());
+        let grey = films > 1 && once.greys.is_some();
+        let frame = Frame {
+            once,
+            mesh: &self.mesh,
+            nx: self.lattice[0],
+            albedo: &self.albedo,
+            heights: &self.heights,
+            seen: &seen,
+            vertices: &vertices,
+            effort: self.effort,
+            slots: Slots::new(once.sources.len(), films, varying, once.view.slab.is_some(), grey),
+            level: 0.0,
+        };
+        let mut pictures = frame.render();
+        let grain = once.grain;
+        if grain > 1 {
+            pictures.films.iter_mut().for_each(|film| *film = film.shrunk(grain));
+            // Errors of neighbours average out over a pixel, changes do not.
+            pictures.spread /= (grain * grain).pow(2) as f64;
+            pictures.bounced /= (grain * grain) as f64;
+        }
+        pictures
+    }
+}

@@ -1,0 +1,95 @@
+//! What of a scene the fast mode takes: one pad on a lattice, and lights that have a closed form.
+
+use super::source::Source;
+use crate::optics::{Camera, Error, Light, Mesh, Role, Scene, Surface};
+use std::sync::Arc;
+
+/// Most points along an edge of the pad in the world that light is solved in: the untouched face is smooth.
+const WORLD_POINTS: usize = 81;
+
+/// Why the mode leaves a scene to the reference.
+pub(super) fn unsupported(key: &'static str, value: &str, what: &str) -> Error {
+    Error::NotFast { key, value: value.to_owned(), what: what.to_owned() }
+}
+
+/// The pad, of which there is one.
+pub(super) fn pad_of(scene: &Scene) -> Result<&Surface, Error> {
+    let mut pads = scene.surfaces.iter().filter(|s| s.role == Role::Pad);
+    match (pads.next(), pads.next()) {
+        (Some(pad), None) => Ok(pad),
+        (found, _) => {
+            let n = if found.is_some() { "several" } else { "none" };
+            Err(unsupported("pad", n, "scenes with exactly one pad"))
+        }
+    }
+}
+
+/// Points of a pad along x and y.
+pub(super) fn lattice_of(mesh: &Mesh) -> Result<[usize; 2], Error> {
+    match mesh.lattice {
+        Some([nx, ny]) if nx >= 2 && ny >= 2 && mesh.positions.len() == nx * ny => Ok([nx, ny]),
+        _ => Err(unsupported("pad", "no lattice", "pads whose mesh is a lattice of points")),
+    }
+}
+
+/// The scene's camera with so many times its pixels that they are not coarser than the pad's lattice.
+pub(super) fn fine_camera(scene: &Scene) -> Result<Camera, Error> {
+    let camera = &scene.camera;
+    let mesh = &pad_of(scene)?.mesh;
+    let [nx, _] = lattice_of(mesh)?;
+    let p = &mesh.positions;
+    let spacing = (p[1] - p[0]).length().max((p[nx] - p[0]).length());
+    let pixel = 2.0 * camera.tan_half_x * camera.origin.z.abs() / camera.width as f32;
+    let grain = if spacing > 0.0 { (pixel / spacing).round() as usize } else { 1 };
+    let grain = grain.clamp(1, MOST_GRAIN);
+    Ok(camera.with_raster(camera.width * grain, camera.height * grain))
+}
+
+/// Most samples along the edge of a pixel.
+const MOST_GRAIN: usize = 4;
+
+/// The lights, where all of them have a closed form.
+pub(super) fn sources_of(scene: &Scene) -> Result<Vec<Source>, Error> {
+    let source = |light: &Light| {
+        Source::new(light)
+            .ok_or_else(|| unsupported("lights", &light.name, "only one-sided lights that are no meshes"))
+    };
+    scene.lights.iter().map(source).collect()
+}
+
+/// The same scene with a pad of no more points than light between walls needs.
+pub(super) fn coarse(scene: &Scene) -> Result<Scene, Error> {
+    let mut out = scene.clone();
+    for surface in out.surfaces.iter_mut().filter(|s| s.role == Role::Pad) {
+        let [nx, ny] = lattice_of(&surface.mesh)?;
+        let picked = |n: usize| -> Vec<usize> {
+            let m = n.min(WORLD_POINTS);
+            (0..m).map(|k| k * (n - 1) / (m - 1)).collect()
+        };
+        let (columns, rows) = (picked(nx), picked(ny));
+        let at = |k: usize| rows[k / columns.len()] * nx + columns[k % columns.len()];
+        let positions = (0..rows.len() * columns.len()).map(|k| surface.mesh.positions[at(k)]).collect();
+        surface.mesh = Arc::new(Mesh::from_lattice(columns.len(), rows.len(), positions, Vec::new()));
+    }
+    Ok(out)
+}
+
+/// What does not change with the pad.
+pub(super) fn without_pad_mesh(scene: &Scene) -> Scene {
+    let mut fixed = scene.clone();
+    for surface in fixed.surfaces.iter_mut().filter(|s| s.role == Role::Pad) {
+        surface.mesh = Arc::new(Mesh::default());
+    }
+    fixed
+}
+
+/// Whether a scene is that one with a pad.
+pub(super) fn same_but_pad_mesh(scene: &Scene, fixed: &Scene) -> bool {
+    scene.camera == fixed.camera
+        && scene.lights == fixed.lights
+        && scene.max_events == fixed.max_events
+        && scene.surfaces.len() == fixed.surfaces.len()
+        && scene.surfaces.iter().zip(&fixed.surfaces).all(|(a, b)| {
+            a.role == b.role && a.material == b.material && (a.role == Role::Pad || a.mesh == b.mesh)
+        })
+}
