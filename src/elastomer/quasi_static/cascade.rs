@@ -6,7 +6,7 @@
 
 use super::super::Error;
 use super::bridge::Bridge;
-use super::level::{Equilibrium, Level};
+use super::level::{Equilibrium, Leave, Level};
 use super::newton::Outcome;
 use crate::indenter::Indenter;
 use crate::pose::Pose;
@@ -42,16 +42,18 @@ pub struct Patience {
     halvings: i32,
     /// Tangent applications for each increment that the way was to take.
     passes: f64,
+    /// The same in tangents at quadrature points.
+    work: f64,
     /// Part of an increment that is gone even where the pad is unstable, unless it is a press.
     bold: f64,
 }
 
 /// Patience with the answer.
-pub const FINEST: Patience = Patience { halvings: 6, passes: 4000.0, bold: 0.25 };
-/// Patience with an answer on finer cells than were thought necessary.
-pub const REFINED: Patience = Patience { halvings: 3, passes: 1000.0, bold: 0.25 };
+pub const FINEST: Patience = Patience { halvings: 6, passes: 4000.0, work: f64::INFINITY, bold: 0.25 };
+/// Patience with an answer on finer cells than were thought necessary: about twenty seconds of processor time an increment.
+pub const REFINED: Patience = Patience { halvings: 3, passes: 1000.0, work: 2.5e8, bold: 0.25 };
 /// Patience with a guess.
-const COARSER: Patience = Patience { halvings: 2, passes: 600.0, bold: f64::INFINITY };
+const COARSER: Patience = Patience { halvings: 2, passes: 600.0, work: f64::INFINITY, bold: f64::INFINITY };
 
 /// Follows a straight way with the last of `levels`, the others going ahead.
 ///
@@ -70,6 +72,8 @@ pub fn follow(
     let presses = Pose { z_mm: start.z_mm, ..*pose } == start && patience.bold.is_finite();
     let (mut done, mut stride, mut restarts) = (0.0, 1.0 / parts, 0);
     let begun = levels[finest].level.newton.passes;
+    let within_work = parts * patience.work / levels[finest].level.grid().points() as f64;
+    let most_passes = f64::min(parts * patience.passes, within_work);
     let mut last;
     while done < 1.0 {
         levels[finest].level.newton.interrupt.check()?;
@@ -77,7 +81,9 @@ pub fn follow(
         let next = if next > 1.0 - 1e-9 { 1.0 } else { next };
         let mut hopeless = false;
         let cautious = presses || (next - done) * parts > patience.bold;
-        match increment(levels, indenter, &start.lerp(pose, next), cautious)? {
+        let spent = levels[finest].level.newton.passes - begun;
+        let leave = Leave { cautious, passes: (within_work as u64).saturating_sub(spent) };
+        match increment(levels, indenter, &start.lerp(pose, next), leave)? {
             Ok(()) => {
                 levels[finest].level.check_margin(indenter)?;
                 last = levels[finest].level.outcome();
@@ -92,7 +98,7 @@ pub fn follow(
             }
         }
         let passes = (levels[finest].level.newton.passes - begun) as f64;
-        if done < 1.0 && (hopeless || passes > patience.passes * parts) {
+        if done < 1.0 && (hopeless || passes > most_passes) {
             return Err(Error::NotConverged {
                 pose: start.lerp(pose, next),
                 residual: last.map_or(0.0, |o| o.residual),
@@ -117,7 +123,7 @@ fn increment(
     levels: &mut [Step],
     indenter: &dyn Indenter,
     pose: &Pose,
-    cautious: bool,
+    leave: Leave,
 ) -> Result<Result<(), Outcome>, Error> {
     let Some((fine, coarser)) = levels.split_last_mut() else { return Ok(Ok(())) };
     if fine.level.is_clear(indenter, pose) {
@@ -126,7 +132,7 @@ fn increment(
         return Ok(Ok(()));
     }
     // Where a slide goes on, what came last says more than a coarser grid, which stays behind.
-    if fine.level.slides_on_to(pose) && fine.level.increment(indenter, pose, None, cautious).is_ok() {
+    if fine.level.slides_on_to(pose) && fine.level.increment(indenter, pose, None, leave).is_ok() {
         return Ok(Ok(()));
     }
     let before: Vec<(Equilibrium, bool)> = coarser.iter().map(|s| (s.level.equilibrium(), s.lost)).collect();
@@ -141,7 +147,7 @@ fn increment(
         _ => None,
     };
     let lost = hint.is_none();
-    let result = fine.level.increment(indenter, pose, hint.as_deref(), cautious);
+    let result = fine.level.increment(indenter, pose, hint.as_deref(), leave);
     if result.is_err() {
         for (step, (at, lost)) in coarser.iter_mut().zip(before) {
             step.level.return_to(at);

@@ -89,6 +89,15 @@ pub struct Level {
     pub newton: Newton,
 }
 
+/// What an increment may do.
+#[derive(Debug, Clone, Copy)]
+pub struct Leave {
+    /// Whether it has to end where the pad is unstable on the way.
+    pub cautious: bool,
+    /// Tangent applications after which no further round is begun.
+    pub passes: u64,
+}
+
 /// What a way leaves behind.
 #[derive(Debug, Clone)]
 pub struct Equilibrium {
@@ -252,7 +261,7 @@ impl Level {
     }
 
     /// One increment to `pose`; the state is unchanged when it fails. `hint` is the change of displacement
-    /// that a coarser level found for it. A `cautious` one fails where the pad is unstable on the way.
+    /// that a coarser level found for it. One that would do more than it has `leave` to fails.
     ///
     /// # Errors
     /// How the solution ended, when it was none.
@@ -261,7 +270,7 @@ impl Level {
         indenter: &dyn Indenter,
         pose: &Pose,
         hint: Option<&[f32]>,
-        cautious: bool,
+        leave: Leave,
     ) -> Result<(), Outcome> {
         // The face at rest is an equilibrium wherever the indenter does not touch it.
         if self.is_clear(indenter, pose) {
@@ -274,7 +283,7 @@ impl Level {
         let problem = Problem { machine: &machine, indenter, pose, least_force: self.least_force };
         let way = way_between(&saved.pose, pose);
         self.guess(&problem, &way, hint);
-        match self.settle(&problem, cautious) {
+        match self.settle(&problem, leave) {
             Ok(outcome) => {
                 self.at.contacts.end_increment(indenter);
                 self.at.last = (!saved.at_rest).then_some((saved.u, way));
@@ -339,8 +348,9 @@ impl Level {
     /// only when this does not converge.
     ///
     /// Where the pad is unstable (negative curvature), it matters how it was come by: rounding decides which way it
-    /// gives. Shorter increments mostly keep clear of such places, so `cautious` ones end there, and where they take long.
-    fn settle(&mut self, problem: &Problem<'_>, cautious: bool) -> Result<Outcome, Outcome> {
+    /// gives. Shorter increments mostly keep clear of such places, so cautious ones end there, and where they take long.
+    fn settle(&mut self, problem: &Problem<'_>, leave: Leave) -> Result<Outcome, Outcome> {
+        let begun = self.newton.passes;
         self.newton.indefinite = false;
         self.at.contacts.choose_sides(problem.indenter, problem.pose, &self.at.u);
         let mut state = self.newton.begin(problem, &mut self.at.contacts, &self.at.u);
@@ -357,7 +367,10 @@ impl Level {
             rounds += 1;
             spent += outcome.iterations;
             outcome.iterations = spent;
-            if cautious && (self.newton.indefinite || spent > MOST_CAUTIOUS) {
+            if leave.cautious && (self.newton.indefinite || spent > MOST_CAUTIOUS) {
+                return Err(outcome);
+            }
+            if self.newton.passes - begun > leave.passes {
                 return Err(outcome);
             }
             if !(outcome.residual <= HOPELESS_RESIDUAL.max(goal)) || !state.valid() {
