@@ -16,6 +16,7 @@
 //! [imager](super::imager) falls back to the reference mode, which renders all of them.
 
 mod bounce;
+mod cover;
 mod crease;
 mod desk;
 mod echo;
@@ -45,7 +46,9 @@ mod view;
 mod world;
 
 use super::{Error, Scene};
+use cover::Covers;
 use echo::Echo;
+use fixed::Looks;
 use glam::{Vec2, Vec3};
 use grid::{Grid, Layout};
 use horizon::Heights;
@@ -94,6 +97,8 @@ pub struct Precomputed {
     grounds: Vec<Grid<3>>,
     /// What of the fixed parts shows, of all lights together, by corner.
     fixed_total: Vec<Vec3>,
+    /// What covers pixels in part, of all lights together.
+    cover_total: Vec<Vec3>,
     /// What a plate mirrors into each pixel, and the part of the pad's light that it lets through; empty without one.
     veil_total: Vec<Vec3>,
     transmitted: Vec<f32>,
@@ -113,6 +118,8 @@ struct Tables {
     /// Fixed parts that corners of pixels see: inverse depth, and radiance by light; empty where none sees any.
     fixed: Vec<f32>,
     fixed_lights: Vec<Vec<Vec3>>,
+    /// Pixels that they cover in part.
+    covers: Covers,
     /// What a plate mirrors into each pixel, by light; empty without one.
     veils: Vec<Vec<Vec3>>,
     /// What walls give back of a press; none where light is scattered too seldom, or the face is curved.
@@ -170,7 +177,11 @@ impl Precomputed {
         let buried = |p: Vec3| p.z < heights.at(p.truncate()) - BURIED_MM;
         let solved = Radiosity::new(&world, &lamps, events, buried);
         let view = View::new(&fine_camera(untouched)?, slab);
-        let (fixed, fixed_lights) = fixed::corners(untouched, &view, &world, &lamps, &solved)?;
+        let top = pad.mesh.positions.iter().fold(f32::NEG_INFINITY, |top, p| top.max(p.z));
+        let looks = Looks::new(untouched, &view, &world, &lamps, &solved, top + DIRECT_LIFT_MM[1])?;
+        let corners = looks.corners();
+        let covers = Covers::new(&looks, &corners, view.corners(), lamps.len());
+        let (fixed, fixed_lights) = fixed::by_light(&corners, lamps.len());
         let cell_px = bounce::SENDING * frame::cell_px(pixel_mm(&view));
         let echo = Echo::new(&world, &view, cell_px, &probe_layout, events, rest, buried);
         let tables = Tables {
@@ -180,6 +191,7 @@ impl Precomputed {
             skylines: skyline::gather(&world, &solved, &probe_layout, rest),
             fixed,
             fixed_lights,
+            covers,
             veils: slab.map_or_else(Vec::new, |slab| fixed::veils(&view, &slab, &world, &solved)),
         };
         Ok(Self::assemble(untouched, view, sources, tables))
@@ -200,6 +212,7 @@ impl Precomputed {
         let fits = tables.direct.len() == sources.len()
             && corners(tables.fixed.len())
             && tables.fixed_lights.iter().all(|l| l.len() == tables.fixed.len())
+            && tables.covers.fit(pixels)
             && tables.veils.iter().all(|v| v.len() == pixels)
             && (tables.veils.is_empty() == view.slab.is_none())
             && tables.echo.as_ref().is_none_or(|echo| echo.size == cells_of(&view));
@@ -208,16 +221,16 @@ impl Precomputed {
 
     fn assemble(untouched: &Scene, view: View, sources: Vec<Source>, tables: Tables) -> Self {
         let radiances: Vec<Vec3> = untouched.lights.iter().map(|l| l.radiance).collect();
-        let mut fixed_total = vec![Vec3::ZERO; tables.fixed.len()];
-        for (light, radiance) in tables.fixed_lights.iter().zip(&radiances) {
-            fixed_total.iter_mut().zip(light).for_each(|(sum, l)| *sum += *l * *radiance);
-        }
-        let camera = &view.camera;
-        let pixels = camera.width * camera.height;
-        let mut veil_total = vec![Vec3::ZERO; if tables.veils.is_empty() { 0 } else { pixels }];
-        for (light, radiance) in tables.veils.iter().zip(&radiances) {
-            veil_total.iter_mut().zip(light).for_each(|(sum, l)| *sum += *l * *radiance);
-        }
+        let together = |lights: &[Vec<Vec3>]| {
+            let mut total = vec![Vec3::ZERO; lights.first().map_or(0, Vec::len)];
+            for (light, radiance) in lights.iter().zip(&radiances) {
+                total.iter_mut().zip(light).for_each(|(sum, l)| *sum += *l * *radiance);
+            }
+            total
+        };
+        let [fixed_total, cover_total, veil_total] =
+            [&tables.fixed_lights, &tables.covers.lights, &tables.veils].map(|lights| together(lights));
+        let pixels = view.camera.width * view.camera.height;
         let transmitted = view.slab.map_or_else(Vec::new, |slab| {
             let width = view.camera.width;
             let centre = |k: usize| Vec2::new((k % width) as f32 + 0.5, (k / width) as f32 + 0.5);
@@ -238,6 +251,7 @@ impl Precomputed {
             radiances,
             tables,
             fixed_total,
+            cover_total,
             veil_total,
             transmitted,
             pixel_mm,

@@ -318,7 +318,7 @@ impl Desk<'_> {
         }
     }
 
-    /// The mean of what the corners of a pixel see.
+    /// The mean of what the corners of a pixel see, of the pad alone where something fixed is laid over it.
     fn cornered(&mut self, x: usize, y: usize, [x0, y0, x1, y1]: Rectangle) {
         let once = self.frame.once;
         let films = self.sums.len();
@@ -328,7 +328,11 @@ impl Desk<'_> {
         let mut fixed = vec![Vec3::ZERO; films];
         // What corners see of it in the first picture.
         let mut others = [Vec3::ZERO; 4];
-        for (k, (cx, cy)) in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].into_iter().enumerate() {
+        let covered = once.tables.covers.contain(y * self.width + x);
+        let four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
+        let seen = four.iter().filter(|(cx, cy)| self.frame.corner(*cx, *cy).is_some()).count();
+        let share = if covered { 1.0 / seen.max(1) as f32 } else { 0.25 };
+        for (k, (cx, cy)) in four.into_iter().enumerate() {
             match self.frame.corner(cx, cy) {
                 Some((p, triangle)) => {
                     let n = self.frame.normal(triangle);
@@ -336,6 +340,7 @@ impl Desk<'_> {
                     (normals.x.0[k], normals.y.0[k], normals.z.0[k]) = n.into();
                     albedos[k] = self.frame.albedo_at(triangle, p);
                 }
+                None if covered => {}
                 None => {
                     others[k] = once.fixed_light(0, films, cx, cy);
                     for (film, sum) in fixed.iter_mut().enumerate() {
@@ -369,11 +374,11 @@ impl Desk<'_> {
             for (k, albedo) in albedos.iter().enumerate() {
                 let sum = &self.sums[film];
                 let value = *albedo * Vec3::new(sum.x.0[k], sum.y.0[k], sum.z.0[k]) * FRAC_1_PI * transmitted;
-                light += 0.25 * value;
+                light += share * value;
                 // (A corner sees either the pad or something else.)
                 squares += 0.25 * (value + others[k]) * (value + others[k]);
             }
-            if film == 0 {
+            if film == 0 && !covered {
                 let mean = light + *fixed;
                 *self.spread += CORNERED_ERROR * f64::from((squares - mean * mean).element_sum().max(0.0));
             }

@@ -35,49 +35,94 @@ pub fn veils(view: &View, slab: &Slab, world: &World, solved: &Radiosity) -> Vec
     (0..solved.lights).map(|l| seen.iter().map(|s| s[l]).collect()).collect()
 }
 
-/// Inverse depth by corner, and radiance by light and corner.
-pub type Fixed = (Vec<f32>, Vec<Vec<Vec3>>);
+/// What the camera sees of the fixed parts in one direction.
+#[derive(Debug, Clone, Default)]
+pub struct Look {
+    /// Inverse depth; minus infinity where there is nothing.
+    pub value: f32,
+    /// Its radiance by light; empty where there is nothing.
+    pub lights: Vec<Vec3>,
+    /// Whether it shows beside the untouched pad, and whether it stands high above that.
+    pub shows: bool,
+    /// See `shows`.
+    pub high: bool,
+    /// The lamp whose shining side it is.
+    pub lamp: Option<usize>,
+}
 
-/// Traces what the camera would see without the pad.
-pub fn corners(
-    scene: &Scene,
-    view: &View,
-    world: &World,
-    lamps: &[Lamp],
-    solved: &Radiosity,
-) -> Result<Fixed, Error> {
-    // What stands above a plate is not in its way: walls are wider than the view there.
-    let bare = World::new(&Scene { surfaces: solid(scene), ..scene.clone() }, false)?;
-    let [columns, rows] = view.corners();
-    let lights = lamps.len();
-    let samples: Vec<(f32, Vec<Vec3>)> = (0..columns * rows)
-        .into_par_iter()
-        .map(|k| {
-            let at = Vec2::new((k % columns) as f32, (k / columns) as f32);
-            let [start, along] = view.ray(at);
-            let direction = along.normalize();
-            let Some(met) = bare.trace(start + direction * bare.offset, direction) else {
-                return (f32::NEG_INFINITY, Vec::new());
-            };
-            let value = along.length() / met.hit.t;
-            // Its radiance is that of the whole sensor, pad included; what the pad hides is not shown anyway.
-            let free = world.trace(start + direction * bare.offset, direction);
-            let Some(whole) = free.filter(|whole| whole.hit.t >= met.hit.t * 0.999) else {
-                return (value, vec![Vec3::ZERO; lights]);
-            };
-            let of_light = |l: usize| {
-                let e = world.direct(met.hit.point, met.normal, met.light, l, &lamps[l]);
-                let own = if met.front && met.light == Some(l) { Vec3::ONE } else { Vec3::ZERO };
-                met.albedo * (FRAC_1_PI * e) + solved.direct_free(whole.element, l) + own
-            };
-            (value, (0..lights).map(of_light).collect())
-        })
-        .collect();
-    if samples.iter().all(|s| s.0 == f32::NEG_INFINITY) {
-        return Ok((Vec::new(), vec![Vec::new(); lights]));
+/// Looks at what the camera would see without the pad.
+pub struct Looks<'a> {
+    view: &'a View,
+    world: &'a World,
+    /// The same without pad and plates: what stands above a plate is not in its way, walls are wider than the view there.
+    bare: World,
+    lamps: &'a [Lamp],
+    solved: &'a Radiosity,
+    /// No press lifts the pad to this height.
+    high: f32,
+}
+
+impl<'a> Looks<'a> {
+    /// What stands above `high` counts as high.
+    ///
+    /// # Errors
+    /// When the scene without the pad is none.
+    pub fn new(
+        scene: &Scene,
+        view: &'a View,
+        world: &'a World,
+        lamps: &'a [Lamp],
+        solved: &'a Radiosity,
+        high: f32,
+    ) -> Result<Self, Error> {
+        let bare = World::new(&Scene { surfaces: solid(scene), ..scene.clone() }, false)?;
+        Ok(Self { view, world, bare, lamps, solved, high })
     }
-    let of_light = |l: usize| samples.iter().map(|s| s.1.get(l).copied().unwrap_or(Vec3::ZERO)).collect();
-    Ok((samples.iter().map(|s| s.0).collect(), (0..lights).map(of_light).collect()))
+
+    /// All corners of pixels.
+    pub fn corners(&self) -> Vec<Look> {
+        let [columns, rows] = self.view.corners();
+        let at = |k: usize| Vec2::new((k % columns) as f32, (k / columns) as f32);
+        (0..columns * rows).into_par_iter().map(|k| self.at(at(k))).collect()
+    }
+
+    /// A point of the raster, in pixels.
+    pub fn at(&self, at: Vec2) -> Look {
+        let Self { view, world, bare, lamps, solved, high } = self;
+        let [start, along] = view.ray(at);
+        let direction = along.normalize();
+        let Some(met) = bare.trace(start + direction * bare.offset, direction) else {
+            return Look { value: f32::NEG_INFINITY, ..Look::default() };
+        };
+        let value = along.length() / met.hit.t;
+        // Its radiance is that of the whole sensor, pad included; what the pad hides is not shown anyway.
+        let free = world.trace(start + direction * bare.offset, direction);
+        let Some(whole) = free.filter(|whole| whole.hit.t >= met.hit.t * 0.999) else {
+            return Look { value, lights: vec![Vec3::ZERO; lamps.len()], ..Look::default() };
+        };
+        let of_light = |l: usize| {
+            let e = world.direct(met.hit.point, met.normal, met.light, l, &lamps[l]);
+            let own = if met.front && met.light == Some(l) { Vec3::ONE } else { Vec3::ZERO };
+            met.albedo * (FRAC_1_PI * e) + solved.direct_free(whole.element, l) + own
+        };
+        Look {
+            value,
+            lights: (0..lamps.len()).map(of_light).collect(),
+            shows: true,
+            high: met.hit.point.z > *high,
+            lamp: met.light.filter(|_| met.front),
+        }
+    }
+}
+
+/// Inverse depth by corner, and radiance by light and corner; empty where there is nothing.
+pub fn by_light(corners: &[Look], lights: usize) -> (Vec<f32>, Vec<Vec<Vec3>>) {
+    if corners.iter().all(|look| look.value == f32::NEG_INFINITY) {
+        return (Vec::new(), vec![Vec::new(); lights]);
+    }
+    let of_light =
+        |l: usize| corners.iter().map(|look| look.lights.get(l).copied().unwrap_or(Vec3::ZERO)).collect();
+    (corners.iter().map(|look| look.value).collect(), (0..lights).map(of_light).collect())
 }
 
 /// All surfaces but plates.

@@ -198,12 +198,22 @@ impl Frame<'_> {
                 bounced = self.apply(film, [k, lights.len()], gains, &lifts, size[0], cell_px);
             }
         }
+        let (once, count) = (self.once, all.len());
+        let mut spread: f64 = spreads.iter().sum();
+        for (k, film) in all.iter_mut().enumerate() {
+            let covers = if count == 1 { &once.cover_total } else { &once.tables.covers.lights[k] };
+            let laid = once
+                .tables
+                .covers
+                .lay(film, covers, |pixel| once.veil(k, count, pixel % width, pixel / width));
+            spread += if k == 0 { laid } else { 0.0 };
+        }
         Pictures {
             films: all,
             bounced,
             echoed,
-            steepness: steepness(&cells, |p| self.once.total.rest_normal(p)),
-            spread: spreads.iter().sum(),
+            steepness: steepness(&cells, |p| once.total.rest_normal(p)),
+            spread,
         }
     }
 

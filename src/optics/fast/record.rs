@@ -1,5 +1,6 @@
 //! What was worked out once, as bytes, and the key that it follows from.
 
+use super::cover::Covers;
 use super::echo::Echo;
 use super::grid::{Grid, Places};
 use super::{Precomputed, Tables};
@@ -7,7 +8,7 @@ use crate::optics::{Albedo, Material, Mesh, Role, Scene};
 use glam::{Vec2, Vec3};
 
 /// Changes whenever tables of the same scene would be worked out differently, or are written differently.
-const FORMAT: u32 = 7;
+const FORMAT: u32 = 8;
 
 /// The hash of everything that the tables follow from.
 pub fn key(scene: &Scene) -> [u8; 32] {
@@ -81,7 +82,10 @@ pub fn encode(tables: &Tables) -> Vec<u8> {
     tables.probes.iter().for_each(|probes| grid(&mut out, &words, probes));
     tables.skylines.iter().for_each(|skyline| grid(&mut out, &words, skyline));
     words(&mut out, &mut tables.fixed.iter().copied());
-    for vectors in tables.fixed_lights.iter().chain(&tables.veils) {
+    // (Single precision counts to sixteen million pixels.)
+    words(&mut out, &mut tables.covers.pixels.iter().map(|k| *k as f32));
+    words(&mut out, &mut tables.covers.parts.iter().copied());
+    for vectors in tables.fixed_lights.iter().chain(&tables.covers.lights).chain(&tables.veils) {
         words(&mut out, &mut vectors.iter().flat_map(|v| v.to_array()));
     }
     if let Some(echo) = &tables.echo {
@@ -113,10 +117,23 @@ pub fn decode(bytes: &[u8]) -> Option<Tables> {
     let probes = (0..lights).map(|_| reader.grid()).collect::<Option<Vec<_>>>()?;
     let skylines = (0..lights).map(|_| reader.grid()).collect::<Option<Vec<_>>>()?;
     let fixed = reader.words()?;
+    let pixels = reader.words()?.into_iter().map(|k| k as u32).collect();
+    let parts = reader.words()?;
     let fixed_lights = (0..lights).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
+    let cover_lights = (0..lights).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
+    let covers = Covers { pixels, parts, lights: cover_lights };
     let veils = (0..veils as usize).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
     let echo = if reader.bytes.is_empty() { None } else { Some(reader.echo()?) };
-    reader.bytes.is_empty().then_some(Tables { direct, probes, skylines, fixed, fixed_lights, veils, echo })
+    reader.bytes.is_empty().then_some(Tables {
+        direct,
+        probes,
+        skylines,
+        fixed,
+        fixed_lights,
+        covers,
+        veils,
+        echo,
+    })
 }
 
 struct Reader<'a> {

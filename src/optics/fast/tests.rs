@@ -78,6 +78,24 @@ fn presses_agree_with_the_reference_within_the_estimate() {
 
 /// Under one light a press changes most of what walls send back.
 #[test]
+fn a_lamp_that_shines_at_the_camera_ends_within_pixels() {
+    let towards_it = |scene: &mut Scene| {
+        scene.lights[0].shape =
+            LightShape::Rectangle { center: Vec3::new(-6.1, 0.2, 8.0), half_u: Vec3::X, half_v: Vec3::Y };
+    };
+    let mut scene = scene(bench_scene::Variant::Ac, sphere);
+    towards_it(&mut scene);
+    let once = Precomputed::new(&flat(&scene)).unwrap();
+    let (film, estimated) = Renderer::new(&once, &scene, 0.005).unwrap().render_with_error();
+    let (error, _) = against_reference(&scene, &film);
+    // (The judges' edges are noisy themselves.)
+    assert!(error < 0.02 && estimated < 0.005, "{error} {estimated}");
+    // Light by light it is the same.
+    let sum = Renderer::new(&once, &scene, 0.005).unwrap().basis().combine(&once.radiances);
+    assert!(film.relative_rmse(&sum) < 0.002);
+}
+
+#[test]
 fn walls_answer_a_press_as_in_the_reference() {
     let alone = |mut scene: Scene| {
         scene.lights[1..].iter_mut().for_each(|l| l.radiance = Vec3::ZERO);
