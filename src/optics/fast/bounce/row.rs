@@ -1,0 +1,355 @@
+//! A row of cells: from eight at once the pad's profile is followed in all directions.
+
+use super::{Cells, DIRECTIONS, MARGIN, MOST, Means, SENDING, Untouched};
+use crate::optics::fast::echo::{self, PER_WEIGHT, RISES, SLOPES};
+use crate::optics::fast::lanes::{Eight, Mask, Vectors, WIDTH, Work};
+use crate::optics::fast::lookout::Lookout;
+use crate::optics::fast::skyline;
+use glam::{Vec2, Vec3};
+use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, TAU};
+
+/// Distances looked at, in cells.
+const DISTANCES: [f32; 25] = [
+    1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.5, 16.0, 17.5, 19.0, 21.0, 23.0,
+    25.0, 28.0, 31.0, 35.0, 39.0, 44.0,
+];
+/// Ground this even, up to the farthest distance, needs no look: a slope.
+const EVEN: f32 = 4e-3;
+/// Cells that see nothing of the pad are taken to be this high, mm.
+const NOWHERE: f32 = -1e4;
+/// Cells are no nearer to each other than this, in their edges.
+const NEAREST: f32 = 0.3;
+/// What rises on by this slope above the line of sight has an edge, which is looked for.
+const EDGED: f32 = 0.3;
+
+/// A row of cells.
+pub struct Row<'a, S> {
+    pub cells: &'a Cells<'a>,
+    pub means: &'a Means,
+    pub untouched: &'a S,
+    pub j: usize,
+    pub out: &'a mut [Vec3],
+    pub sent: &'a mut [Vec3],
+}
+
+impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(mut self) {
+        let nx = self.cells.size[0];
+        let films = self.means.lights.len();
+        let mut sums = vec![Vectors::all(Vec3::ZERO); films];
+        let mut skies: Vec<[Eight; skyline::NUMBERS]> = Vec::new();
+        for i in (0..nx).step_by(WIDTH) {
+            let lanes = WIDTH.min(nx - i);
+            let at = self.j * self.means.stride + MARGIN + i;
+            let even = EVEN * self.cells.edge_mm;
+            let level = |k: usize| {
+                let z = self.means.heights[k];
+                z == f32::NEG_INFINITY
+                    || (self.means.normals[2][k] > 1.0 - 1e-5 && self.means.highest - z < even)
+            };
+            if (at..at + lanes).all(level) {
+                self.send_level(at, i);
+                continue;
+            }
+            sums.fill(Vectors::all(Vec3::ZERO));
+            skies.clear();
+            let horizons = self.look(at, lanes, &mut sums, &mut skies);
+            for (film, sum) in sums.iter().enumerate() {
+                for k in 0..lanes {
+                    if level(at + k) {
+                        continue;
+                    }
+                    let change = Vec3::new(sum.x.0[k], sum.y.0[k], sum.z.0[k]) * (TAU / DIRECTIONS as f32);
+                    let [x, y, z] = &self.means.lights[film];
+                    let e = Vec3::new(x[at + k], y[at + k], z[at + k]);
+                    let most = e * (MOST - 1.0);
+                    self.out[film * nx + i + k] =
+                        Vec3::ONE + change.clamp(-0.9 * e, most) / e.max(Vec3::splat(1e-12));
+                }
+            }
+            self.send(at, i, lanes, &horizons);
+        }
+    }
+}
+
+/// By direction: the slope below which the pad is seen, and the weight of what is.
+type Horizons = [[Eight; 2]; DIRECTIONS];
+
+impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
+    /// Follows the profile from eight cells into all directions; what rises above what was seen before takes the place of
+    /// sky or ground.
+    #[inline(always)]
+    fn look(
+        &mut self,
+        at: usize,
+        lanes: usize,
+        sums: &mut [Vectors],
+        skies: &mut Vec<[Eight; skyline::NUMBERS]>,
+    ) -> Horizons {
+        let mut horizons = [[Eight::all(0.0); 2]; DIRECTIONS];
+        let means = self.means;
+        let (zero, even, least) = (Eight::all(0.0), Eight::all(EVEN), Eight::all(1e-3));
+        let z = Means::eight(&means.heights, at);
+        let [x, y] = [0, 1].map(|c| Means::eight(&means.places[c], at));
+        let nearest = Eight::all(NEAREST * self.cells.edge_mm);
+        let [nx, ny, nz] = [0, 1, 2].map(|c| Means::eight(&means.normals[c], at));
+        // Slopes of the cell's own plane along x and y.
+        let flat = Eight::all(1e-3).below(nz);
+        let [plane_x, plane_y] = [nx, ny].map(|n| flat.choose((-n).over(nz), zero));
+        let reflected = self.cells.albedo * FRAC_1_PI;
+        let farthest = DISTANCES[DISTANCES.len() - 1] * self.cells.edge_mm;
+        // By picture: what was seen last, and the untouched ground there.
+        let mut tops = vec![[Vectors::all(Vec3::ZERO); 2]; sums.len()];
+        let middle = (0..lanes).min_by_key(|k| (!z.0[*k].is_finite(), k.abs_diff(lanes / 2))).unwrap_or(0);
+        let stands = Vec3::new(x.0[middle], y.0[middle], z.0[middle].max(NOWHERE));
+        let lookout = Lookout::new(stands, self.cells.eye.z, self.cells.edge_mm);
+        for (direction, horizon) in horizons.iter_mut().enumerate() {
+            let ahead = ahead(direction);
+            let along = nx * Eight::all(ahead.x) + ny * Eight::all(ahead.y);
+            // Elevations as slopes. Below the surface's own plane nothing arrives.
+            let upright = Eight::all(1e-3).below(nz);
+            let mut before = upright.choose((-along).over(nz), Eight::all(f32::NEG_INFINITY));
+            let mut below = upright
+                .choose(weight(before, along, nz), (nz - along * Eight::all(FRAC_PI_2)) * Eight::all(0.5));
+            // Where the step before showed something, what shows next lies between the two; first of all the cell itself.
+            let mut shown: Option<(usize, Mask)> = Some((at, zero.below(Eight::all(1.0))));
+            let mut turned = zero;
+            let mut steep = zero;
+            let back = self.neighbour(lookout.cells_to(ahead * self.cells.edge_mm, stands.z)).unwrap_or(0);
+            let mut height = stands.z;
+            for distance in DISTANCES {
+                let ahead_mm = ahead * (distance * self.cells.edge_mm);
+                // How high it is there is known when it is found: the second look is at the right place.
+                let Some(first) = self.neighbour(lookout.cells_to(ahead_mm, height)) else { break };
+                let there = means.heights[(at + middle).wrapping_add_signed(first)];
+                let second = lookout.tells((there - height).abs()).then(|| {
+                    height = there;
+                    self.neighbour(lookout.cells_to(ahead_mm, there))
+                });
+                let k = at.wrapping_add_signed(second.flatten().unwrap_or(first));
+                // (The picture moves what is high: places tell how far away it is.)
+                let (dx, dy) = (Means::eight(&means.places[0], k) - x, Means::eight(&means.places[1], k) - y);
+                let away = (dx * dx + dy * dy).sqrt().max(nearest);
+                // What is looked at lies a little aside of the direction: there the cell's own plane has another slope.
+                let plane =
+                    plane_x * (Eight::all(ahead.x) * away - dx) + plane_y * (Eight::all(ahead.y) * away - dy);
+                let dz = (Means::eight(&means.heights, k) - z).max(Eight::all(NOWHERE));
+                let rise = (dz + plane).over(away);
+                let risen = (before + even).below(rise);
+                if !risen.any() {
+                    shown = None;
+                    continue;
+                }
+                let now = weight(rise, along, nz);
+                let [of_sky, of_ground] = shares([before, below], [rise, now], risen);
+                if skies.is_empty() {
+                    self.gather(at, lanes, skies);
+                }
+                let middle = (before.max(zero) + rise) * Eight::all(0.5);
+                // How much is seen of a step on what is there, and on what was there before: by how much its slope is above
+                // the line of sight.
+                let normal = |c: usize| Means::eight(&means.normals[c], k);
+                let toward =
+                    -(normal(0) * dx + normal(1) * dy + normal(2) * dz).over(away * normal(2).max(least));
+                let hides = toward.below(least);
+                if shown.is_some_and(|(nearer, _)| nearer == at) {
+                    // Of the cell itself half is in that where both planes meet halfway, and nothing where they meet at an end.
+                    let own = (nx * dx + ny * dy + nz * dz).over(away * nz.max(least)).max(least);
+                    let halfway = (toward * own * Eight::all(2.0)).over((toward + own) * (toward + own));
+                    let beside = toward * halfway.over(Eight::all(1.0) - halfway);
+                    turned = hides.choose(Eight::all(1.0), beside.max(least));
+                }
+                let step =
+                    k.checked_add_signed(-back).filter(|s| s + WIDTH <= means.heights.len()).unwrap_or(k);
+                let toward = toward.max(least);
+                for (film, sum) in sums.iter_mut().enumerate() {
+                    let environment = skyline::radiance(&skies[film], direction, middle);
+                    let scaled = |light: Vectors| Vectors {
+                        x: light.x * Eight::all(reflected.x),
+                        y: light.y * Eight::all(reflected.y),
+                        z: light.z * Eight::all(reflected.z),
+                    };
+                    let mut light = Means::light(&means.lights[film], k);
+                    if hides.any() {
+                        // The top of a step is not seen, but what rises to it.
+                        light = hides.pick(Means::light(&means.lights[film], step), light);
+                    }
+                    if let Some((nearer, of)) = shown {
+                        let (near, far) = (&means.lights[film], Means::light(&means.lights[film], k));
+                        let sum = Means::light(near, nearer).scaled(turned) + far.scaled(toward);
+                        light = of.pick(sum.scaled(Eight::all(1.0).over(turned + toward)), light);
+                    }
+                    let radiance = scaled(light);
+                    let ground = scaled(Means::light(&means.grounds[film], k));
+                    *sum = *sum
+                        + (radiance - environment).scaled(of_sky)
+                        + (radiance - ground).scaled(of_ground);
+                    tops[film] = [risen.pick(radiance, tops[film][0]), risen.pick(ground, tops[film][1])];
+                }
+                (shown, turned) = (Some((k, risen)), toward);
+                steep = risen.choose(hides.choose(steep, toward), steep);
+                before = risen.choose(rise, before);
+                below = risen.choose(now, below);
+            }
+            let rose = Eight::all(EDGED).below(steep);
+            if rose.any() {
+                // What was seen last goes on to its edge, which lies between the middles of cells.
+                let mut top = before;
+                for lane in (0..lanes).filter(|lane| rose.lane(*lane)) {
+                    let p = Vec3::new(x.0[lane], y.0[lane], z.0[lane]);
+                    top.0[lane] =
+                        self.cells.heights.horizon(p, ahead, farthest, before.0[lane], f32::INFINITY);
+                }
+                let now = weight(top, along, nz);
+                let [of_sky, of_ground] = shares([before, below], [top, now], rose);
+                let middle = (before.max(zero) + top) * Eight::all(0.5);
+                for (film, sum) in sums.iter_mut().enumerate() {
+                    let environment = skyline::radiance(&skies[film], direction, middle);
+                    let [radiance, ground] = tops[film];
+                    *sum = *sum
+                        + (radiance - environment).scaled(of_sky)
+                        + (radiance - ground).scaled(of_ground);
+                }
+                (before, below) = (top, now);
+            }
+            *horizon = [before, below];
+        }
+        horizons
+    }
+
+    /// By how much the index of a cell of this row differs from that of another, unless that is beyond the picture.
+    #[inline(always)]
+    fn neighbour(&self, (aside, down): (isize, isize)) -> Option<isize> {
+        let row = self.j.checked_add_signed(down).filter(|row| *row < self.cells.size[1]);
+        row.map(|_| aside.clamp(-(MARGIN as isize), MARGIN as isize) + down * self.means.stride as isize)
+    }
+
+    /// Eight level cells in the open: more or less light than before goes everywhere as from an even face.
+    #[inline(always)]
+    fn send_level(&mut self, at: usize, i: usize) {
+        let (means, films) = (self.means, self.means.lights.len());
+        if self.cells.echo.is_none() {
+            return;
+        }
+        let [area, rest_area] = [0, 1].map(|k| Means::eight(&means.areas[k], at));
+        for film in 0..films {
+            let (now, before) =
+                (Means::light(&means.lights[film], at), Means::light(&means.grounds[film], at));
+            let more = (now.scaled(area) - before.scaled(rest_area)).sums() * self.cells.albedo;
+            let to = &mut self.sent[(i / SENDING * films + film) * echo::DIRECTIONS..][..echo::DIRECTIONS];
+            for (k, to) in to.iter_mut().enumerate() {
+                *to += more * echo::level_part(k % RISES);
+            }
+        }
+    }
+
+    /// What eight cells send into each direction above their horizons, less what the untouched face sent.
+    #[inline(always)]
+    fn send(&mut self, at: usize, i: usize, lanes: usize, horizons: &Horizons) {
+        let (means, films, nx) = (self.means, self.means.lights.len(), self.cells.size[0]);
+        if self.cells.echo.is_none() {
+            return;
+        }
+        let (zero, steepest) = (Eight::all(0.0), Eight::all(1e4));
+        let [area, rest_area] = [0, 1].map(|k| Means::eight(&means.areas[k], at) * Eight::all(PER_WEIGHT));
+        let [nx_, ny_, nz_] = [0, 1, 2].map(|c| Means::eight(&means.normals[c], at));
+        let [rx, ry, rz] = [0, 1, 2].map(|c| Means::eight(&means.rest_normals[c], at));
+        // Parts of what is sent, by direction: now and before.
+        let mut parts = [[zero; 2]; echo::DIRECTIONS];
+        for (direction, [slope, below]) in horizons.iter().enumerate() {
+            let ahead = ahead(direction);
+            let along = nx_ * Eight::all(ahead.x) + ny_ * Eight::all(ahead.y);
+            let rest_along = rx * Eight::all(ahead.x) + ry * Eight::all(ahead.y);
+            let plane = (-rest_along).over(rz);
+            let rest_below = weight(plane, rest_along, rz);
+            // What leaves from high up meets a wall where steeper light from the level would; what meets none is the pad's.
+            let lift = self.lift(at, ahead);
+            let from = |k: usize, lift: Eight, along: Eight, up: Eight, horizon: Eight, below: Eight| {
+                let edge = SLOPES.get(k).map_or(steepest, |s| Eight::all(*s)) - lift;
+                horizon.below(edge).choose(weight(edge, along, up), below)
+            };
+            let of_both = |k: usize| {
+                [from(k, lift, along, nz_, *slope, *below), from(k, zero, rest_along, rz, plane, rest_below)]
+            };
+            let mut low = of_both(0);
+            for rise in 0..RISES {
+                let high = of_both(rise + 1);
+                parts[direction * RISES + rise] = [(high[0] - low[0]) * area, (high[1] - low[1]) * rest_area];
+                low = high;
+            }
+        }
+        for film in 0..films {
+            let mut now = Means::light(&means.lights[film], at);
+            for k in 0..lanes {
+                let gain = self.out[film * nx + i + k];
+                (now.x.0[k], now.y.0[k], now.z.0[k]) =
+                    (now.x.0[k] * gain.x, now.y.0[k] * gain.y, now.z.0[k] * gain.z);
+            }
+            let before = Means::light(&means.grounds[film], at);
+            let to = &mut self.sent[(i / SENDING * films + film) * echo::DIRECTIONS..][..echo::DIRECTIONS];
+            for (to, [part, rest]) in to.iter_mut().zip(&parts) {
+                *to += (now.scaled(*part) - before.scaled(*rest)).sums() * self.cells.albedo;
+            }
+        }
+    }
+
+    /// By how much the slope from the level to where a wall stands differs from that from each of eight cells, if it stands
+    /// at the rim of the pad.
+    #[inline(always)]
+    fn lift(&self, at: usize, ahead: Vec2) -> Eight {
+        let [low, high] = self.cells.extent;
+        let away = |c: usize| {
+            let place = Means::eight(&self.means.places[c], at);
+            let wall = Eight::all(if ahead[c] > 0.0 { high[c] } else { low[c] });
+            (wall - place) * Eight::all(1.0 / ahead[c])
+        };
+        let far = away(0).min(away(1)).max(Eight::all(self.cells.edge_mm));
+        Means::eight(&self.means.heights, at).max(Eight::all(0.0)).over(far)
+    }
+
+    /// The untouched sensor's walls at eight cells, by picture.
+    #[inline(never)]
+    fn gather(&self, at: usize, lanes: usize, skies: &mut Vec<[Eight; skyline::NUMBERS]>) {
+        for film in 0..self.means.lights.len() {
+            let mut numbers = [Eight::all(0.0); skyline::NUMBERS];
+            for lane in 0..lanes {
+                let k = at + lane;
+                if self.means.heights[k] == f32::NEG_INFINITY {
+                    continue;
+                }
+                let p = Vec3::new(self.means.places[0][k], self.means.places[1][k], self.means.heights[k]);
+                for (out, number) in numbers.iter_mut().zip((self.untouched)(film, p).sky) {
+                    out.0[lane] = number;
+                }
+            }
+            skies.push(numbers);
+        }
+    }
+}
+
+/// A direction looked into.
+#[inline(always)]
+fn ahead(direction: usize) -> Vec2 {
+    Vec2::from_angle((direction as f32 + 0.5) * (TAU / DIRECTIONS as f32))
+}
+
+/// What rises from one slope and its weight to another hides of what is above the level, and of what is below.
+#[inline(always)]
+fn shares([before, below]: [Eight; 2], [rise, now]: [Eight; 2], risen: Mask) -> [Eight; 2] {
+    let zero = Eight::all(0.0);
+    let positive = zero.below(rise);
+    let of_sky = positive.choose(now - zero.below(before).choose(below, zero), zero);
+    let of_ground = before.below(zero).choose(positive.choose(zero, now) - below, zero);
+    [risen.choose(of_sky, zero), risen.choose(of_ground, zero)]
+}
+
+/// Integral of cos(tilt) cos(elevation) up to elevations of these slopes, for normals with the part `along` ahead and
+/// `up` upwards; 0 at slope 0.
+#[inline(always)]
+fn weight(slope: Eight, along: Eight, up: Eight) -> Eight {
+    let cos2 = Eight::all(1.0).over(Eight::all(1.0) + slope * slope);
+    (along * (slope.atan() + slope * cos2) + up * slope * slope * cos2) * Eight::all(0.5)
+}

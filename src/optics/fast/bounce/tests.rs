@@ -1,0 +1,135 @@
+use super::*;
+
+/// White cells seen from high above.
+fn white<'a>(
+    size: [usize; 2],
+    edge_mm: f32,
+    cells: &'a [Cell],
+    lights: &'a [Vec<Vec3>],
+    heights: &'a Heights,
+    extent: [Vec2; 2],
+) -> Cells<'a> {
+    let (eye, albedo) = (Vec3::new(0.0, 0.0, 20.0), Vec3::ONE);
+    Cells { size, edge_mm, cells, lights, most_count: 1.0, albedo, eye, extent, heights, echo: None }
+}
+
+/// A pad of these heights.
+fn heights(extent: [Vec2; 2], z: impl Fn(Vec2) -> f32) -> Heights {
+    let n = 401;
+    let share = |k: usize| Vec2::new((k % n) as f32, (k / n) as f32) / (n - 1) as f32;
+    let at = |k: usize| extent[0] + (extent[1] - extent[0]) * share(k);
+    let positions: Vec<Vec3> = (0..n * n).map(|k| at(k).extend(z(at(k)))).collect();
+    Heights::new(&positions, [n, n], 0.05)
+}
+
+#[test]
+fn a_narrow_flank_stands_for_a_cell_of_which_it_is_the_larger_part() {
+    let flat =
+        Cell { position: Vec3::new(3.0, 0.0, 0.0), normal: Vec3::Z * 3.0, area: 3.0, level: 3.0, count: 3.0 };
+    let flank = Cell {
+        position: Vec3::new(1.0, 0.0, 0.5),
+        normal: Vec3::X * 18.0,
+        area: 18.0,
+        level: 0.0,
+        count: 1.0,
+    };
+    let (cell, steep) = Cell::of(&flat, &flank);
+    assert!(steep && cell.area == 21.0 && cell.level == 3.0 && cell.normal.normalize() == Vec3::X);
+    // Four pixels are counted, and lie where the flank does.
+    assert_eq!(cell.position / cell.count, Vec3::new(1.0, 0.0, 0.5));
+    let (cell, steep) = Cell::of(&flat, &EMPTY);
+    assert!(!steep && cell == flat);
+}
+
+/// A wall of height 1 along x = `edge_x`, up to which the eye sees a floor and beyond which a plateau.
+fn step(edge_x: f32) -> ([usize; 2], f32, Vec<Cell>) {
+    let (nx, ny, edge) = (81, 81, 0.25);
+    let at = |k: usize| (Vec2::new((k % nx) as f32, (ny - 1 - k / nx) as f32) - 40.0) * edge;
+    // What is seen at a place of the level is nearer to the middle where it is high.
+    let cell = |k: usize| {
+        let (floor, plateau) = (at(k), at(k) * (1.0 - 1.0 / 20.0));
+        let flat = |p: Vec3| Cell { position: p, normal: Vec3::Z, area: 1.0, level: 1.0, count: 1.0 };
+        if (floor.x - 0.5 * edge..floor.x + 0.5 * edge).contains(&edge_x) {
+            let position = Vec3::new(edge_x, floor.y, 0.5);
+            return Cell { position, normal: -Vec3::X, area: 1.0 / edge, level: 1.0, count: 1.0 };
+        }
+        if floor.x < edge_x { flat(floor.extend(0.0)) } else { flat(plateau.extend(1.0)) }
+    };
+    ([nx, ny], edge, (0..nx * ny).map(cell).collect())
+}
+
+/// The floor sees the wall under a known form factor, in the middle of the picture and towards its border, where what
+/// is high is seen elsewhere than it stands.
+#[test]
+fn a_step_lights_its_foot_by_its_form_factor() {
+    for edge_x in [0.06, 5.06] {
+        let ([nx, ny], edge, cells) = step(edge_x);
+        let extent = [Vec2::splat(-10.125), Vec2::splat(10.125)];
+        let pad = heights(extent, |p| f32::from(u8::from(p.x > edge_x)));
+        let foot = cells.iter().position(|c| c.position.z > 0.0).unwrap();
+        // The wall shines as does what is behind it; the sky is dark, as is the ground in the eyes of the wall.
+        let light: Vec<Vec3> =
+            cells.iter().map(|c| Vec3::splat(if c.position.z > 0.0 { c.area } else { 1e-3 })).collect();
+        let lights = [light.clone(), light.iter().map(|l| *l * 2.0).collect()];
+        let all = white([nx, ny], edge, &cells, &lights, &pad, extent);
+        let dark = |_, _| Untouched { sky: [0.0; skyline::NUMBERS], ground: Vec3::ZERO };
+        let rest = |_| Vec3::Z;
+        let gains = all.changes(dark, rest).gains;
+        // (The change is told as part of the light that is there, which is bounded: brighter ground is changed less.)
+        let bright = [cells.iter().map(|c| Vec3::splat(c.area)).collect()];
+        let of_bright = Cells { lights: &bright, ..all }.changes(dark, rest).gains;
+        // An endless wall of height h at distance d fills (1 - cos(atan(h/d)))/2 of the floor's view.
+        for i in [foot - 20, foot - 12, foot - 5, foot - 3, foot - 2, foot - 1] {
+            let k = 40 * nx + i;
+            let d = edge_x - cells[k].position.x;
+            let truth: f32 = 0.5 * (1.0 - d / d.hypot(1.0));
+            let gain = of_bright[0][k].x;
+            assert!(((gain - 1.0) / truth - 1.0).abs() < 0.1, "{edge_x} {d}: {gain} {truth}");
+        }
+        let k = 40 * nx + foot;
+        assert!(gains[0][k - 1].x > 2.9, "what was dark is bounded");
+        assert_eq!(gains[0][k + 15], Vec3::ONE, "from the plateau nothing higher is seen");
+        // Twice the light is twice the change.
+        for (a, b) in gains[0].iter().zip(&gains[1]) {
+            assert!((*a - *b).abs().max_element() < 1e-5, "{a} {b}");
+        }
+    }
+}
+
+/// A face that is even, however it leans, sees nothing of itself.
+#[test]
+fn a_leaning_plane_sees_nothing_of_itself() {
+    let (nx, ny, edge) = (41, 33, 0.25);
+    let up = Vec3::new(-0.9, 0.4, 1.0);
+    let cells: Vec<Cell> = (0..nx * ny)
+        .map(|k| {
+            let (x, y) = ((k % nx) as f32 * edge, (k / nx) as f32 * -edge);
+            let position = Vec3::new(x, y, 0.9 * x - 0.4 * y);
+            Cell { position, normal: up, area: up.length(), level: 1.0, count: 1.0 }
+        })
+        .collect();
+    let lights = [vec![Vec3::ONE; nx * ny]];
+    let extent = [Vec2::new(0.0, -8.0), Vec2::new(10.0, 0.0)];
+    let pad = heights(extent, |p| 0.9 * p.x - 0.4 * p.y);
+    let all = white([nx, ny], edge, &cells, &lights, &pad, extent);
+    let dark = |_, _| Untouched { sky: [0.0; skyline::NUMBERS], ground: Vec3::ZERO };
+    for gain in &all.changes(dark, |_| Vec3::Z).gains[0] {
+        assert!((*gain - Vec3::ONE).abs().max_element() < 1e-3, "{gain}");
+    }
+}
+
+/// What the border stands for and what is in the picture make up the pad.
+#[test]
+fn the_border_stands_for_what_is_beyond_it() {
+    let (size, edge) = ([20, 10], 0.25);
+    let extent = [Vec2::new(-3.0, -2.0), Vec2::new(3.5, 1.5)];
+    let (cells, lights) = (Vec::new(), Vec::new());
+    let pad = heights(extent, |_| 0.0);
+    let all = white(size, edge, &cells, &lights, &pad, extent);
+    let mut sum = 0.0;
+    for (i, j) in (0..size[0]).flat_map(|i| (0..size[1]).map(move |j| (i, j))) {
+        let p = Vec3::new((i as f32 + 0.5) * edge - 2.5, 1.25 - (j as f32 + 0.5) * edge, 0.0);
+        sum += all.beyond([i, j], p) * edge * edge;
+    }
+    assert!((sum - 6.5 * 3.5).abs() < 1e-3, "{sum}");
+}
