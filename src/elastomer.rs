@@ -59,13 +59,24 @@ pub fn check(pad: &Pad, settings: &Settings) -> Result<(), Error> {
 /// Farthest that an indenter may be from the pad's middle, mm, and degrees that it may be turned.
 const FARTHEST: f64 = 1000.0;
 
-/// Refuses a pose that no indenter can be brought to.
-fn pose_can_be_reached(pose: &Pose, thickness_mm: f64) -> Result<(), Error> {
+/// Refuses a pose that no indenter, or not this one, can be brought to over a face `face_mm` above the pad's middle.
+fn pose_can_be_reached(
+    indenter: &dyn Indenter,
+    pose: &Pose,
+    face_mm: f64,
+    thickness_mm: f64,
+) -> Result<(), Error> {
     let at = [pose.x_mm, pose.y_mm, pose.z_mm, pose.theta_deg];
     // NaN is in no range.
     let is_near = at.iter().all(|c| c.abs() <= FARTHEST);
+    // The backing has the face's shape.
+    let thickness_mm = thickness_mm - face_mm;
     if is_near && pose.depth_mm() < thickness_mm {
-        return Ok(());
+        let (depth_mm, height_mm) = (pose.depth_mm() + face_mm, indenter.height_mm());
+        return match depth_mm < height_mm {
+            true => Ok(()),
+            false => Err(Error::Low { indenter: indenter.name().to_owned(), height_mm, depth_mm }),
+        };
     }
     Err(Error::Pose { pose: *pose, farthest: FARTHEST, thickness_mm })
 }
@@ -194,6 +205,18 @@ pub enum Error {
         farthest: f64,
         /// Bound of the depth.
         thickness_mm: f64,
+    },
+    /// The whole indenter would be in the pad.
+    #[error(
+        "indenter {indenter} is {height_mm:.3} mm high and would be pressed {depth_mm:.3} mm deep, so that the face would close above it; press less deep than it is high, or make it higher (height_mm in its file, or the mesh)"
+    )]
+    Low {
+        /// Its name.
+        indenter: String,
+        /// Its height, mm.
+        height_mm: f64,
+        /// Depth below the face, mm.
+        depth_mm: f64,
     },
     /// A setting makes no sense together with the others.
     #[error("elastomer.{key} = {value}: {why}")]

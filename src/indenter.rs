@@ -35,6 +35,11 @@ pub trait Indenter: Send + Sync + std::fmt::Debug {
     /// Half extents of the body in x and y, mm: it lies within |x| <= hx, |y| <= hy.
     fn half_extent_mm(&self) -> [f64; 2];
 
+    /// Height of the body, mm: pressed deeper, a face would close above it.
+    fn height_mm(&self) -> f64 {
+        f64::INFINITY
+    }
+
     /// Height of the body's lower surface above the tip plane at (x, y), mm; `None` beside the body.
     fn lower_surface(&self, x_mm: f64, y_mm: f64) -> Option<f64>;
 }
@@ -115,7 +120,8 @@ pub fn from_spec(
         edge_round_mm: spec.edge_round_mm,
         largest_mm: e.largest_mm,
     })?;
-    Ok(Arc::new(Parametric { name: name.to_owned(), half_extent: solid.half_extent(), solid }))
+    let (half_extent, height_mm) = (solid.half_extent(), spec.height_mm);
+    Ok(Arc::new(Parametric { name: name.to_owned(), half_extent, height_mm, solid }))
 }
 
 /// An indenter made of swept outlines.
@@ -124,6 +130,7 @@ struct Parametric {
     name: String,
     solid: Solid,
     half_extent: DVec2,
+    height_mm: f64,
 }
 
 impl Indenter for Parametric {
@@ -141,6 +148,10 @@ impl Indenter for Parametric {
 
     fn half_extent_mm(&self) -> [f64; 2] {
         self.half_extent.into()
+    }
+
+    fn height_mm(&self) -> f64 {
+        self.height_mm
     }
 
     fn lower_surface(&self, x_mm: f64, y_mm: f64) -> Option<f64> {

@@ -144,7 +144,8 @@ fn residual(found: &Film, target: &Film, tells: &[bool]) -> f64 {
 fn parse_light(text: &str) -> Result<(String, Vec3), String> {
     let usage = || format!("{text:?} is no light's colour; write NAME=R,G,B, e.g. blue=2,6,20");
     let (name, colour) = text.split_once('=').ok_or_else(usage)?;
-    let values: Vec<f32> = colour.split(',').filter_map(|v| v.trim().parse().ok()).collect();
+    let values: Vec<f32> =
+        colour.split(',').map(|v| v.trim().parse().ok()).collect::<Option<_>>().ok_or_else(usage)?;
     match values[..] {
         [r, g, b] if values.iter().all(|v| v.is_finite() && *v >= 0.0) => {
             Ok((name.to_owned(), Vec3::new(r, g, b)))

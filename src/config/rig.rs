@@ -461,7 +461,7 @@ fn check_elastomer(settings: &elastomer::Settings, problems: &mut Problems) {
     optional("poisson_ratio", settings.poisson_ratio, 0.0, 0.499, "");
     optional("dx_mm", settings.dx_mm, 1e-3, 5.0, "mm");
     optional("dt_s", settings.dt_s, 1e-9, 1e-2, "s");
-    problems.range("tolerance", settings.tolerance, 1e-4, 0.2, "of the depth");
+    problems.range("tolerance", settings.tolerance, 5e-4, 0.1, "of the depth");
     problems.range("speed_mm_s", settings.speed_mm_s, 1e-3, 1e4, "mm/s");
     problems.range("rest_threshold", settings.rest_threshold, 1e-6, 10.0, "");
     problems.range("rest_limit", f64::from(settings.rest_limit), 1.0, 10_000.0, "passes");

@@ -302,7 +302,7 @@ impl ExplicitSolver {
 
 impl Elastomer for ExplicitSolver {
     fn advance(&mut self, pose: &Pose) -> Result<(), Error> {
-        pose_can_be_reached(pose, self.body.scheme.size_mm[2])?;
+        pose_can_be_reached(self.indenter.as_ref(), pose, 0.0, self.body.scheme.size_mm[2])?;
         // A turn counts by the way of the outermost sampled point, so that no point is faster than the speed set.
         let from = self.pose;
         let turn = (pose.theta_deg - from.theta_deg).to_radians().abs() * self.cloud.radius_mm;

@@ -130,7 +130,7 @@ impl QuasiStaticSolver {
         start: &Pose,
     ) -> Result<Self, Error> {
         let pad = Body::new(pad, settings);
-        pad.reaches(start)?;
+        pad.reaches(indenter.as_ref(), start)?;
         let mut levels: Vec<Step> = Vec::new();
         let cascade = resolution.cascade(pad.size_mm);
         for (n, resolution) in cascade.iter().enumerate() {
@@ -180,7 +180,7 @@ impl QuasiStaticSolver {
 
     /// Follows a straight way to `pose`, again with finer cells where that is worth while.
     fn go_to(&mut self, pose: &Pose) -> Result<(), Error> {
-        self.pad.reaches(pose)?;
+        self.pad.reaches(self.indenter.as_ref(), pose)?;
         if self.dispensable && self.unrefined.is_some() && self.drags(pose) {
             self.again_unrefined()?;
         }

@@ -1,13 +1,13 @@
 //! Indenters from watertight meshes in STL files.
 //!
-//! Three stages: [`read`] turns the file into triangles, [`topology`] welds their corners and proves
-//! that they close up, [`mesh`] answers closest-point queries on a hierarchy of boxes. The sign comes
-//! from angle-weighted pseudonormals (Baerentzen and Aanaes 2005), which is exact for closed meshes, so
-//! sharp features are kept: nothing is resampled. Self-intersections are not looked for, and edges
-//! of a mesh cannot be rounded.
+//! Four stages: [`read`] turns the file into triangles, [`topology`] welds their corners and proves
+//! that they close up, [`mesh`] answers closest-point queries on a hierarchy of boxes, [`solidity`] proves that they bound a
+//! solid. The sign comes from angle-weighted pseudonormals (Baerentzen and Aanaes 2005), which is exact for closed meshes, so
+//! sharp features are kept: nothing is resampled. Edges of a mesh cannot be rounded.
 
 pub mod mesh;
 pub mod read;
+pub mod solidity;
 pub mod topology;
 
 use super::spec::{Centre, LengthUnit, TipEnd};
@@ -97,6 +97,26 @@ pub enum Defect {
         /// Its other end.
         to: DVec3,
     },
+    /// It goes through itself.
+    #[error(
+        "cuts through itself: the edge from {from} to {to} (mm, the tip at height 0) goes through another face; unite the overlapping solids or untangle the mesh (\"boolean union\" or \"make manifold\" in a mesh editor)"
+    )]
+    Crossing {
+        /// One end of the first such edge.
+        from: DVec3,
+        /// Its other end.
+        to: DVec3,
+    },
+    /// A part lies in another, or is inside out.
+    #[error(
+        "has a part (of {parts}) that lies in another or is inside out, near {near} (mm, the tip at height 0); remove or unite it, or recalculate its normals"
+    )]
+    Misplaced {
+        /// How many parts there are.
+        parts: usize,
+        /// Where that was seen.
+        near: DVec3,
+    },
     /// The size is implausible for an indenter.
     #[error("is {extent_mm:.4} mm across when read in {unit}, an indenter is {} to {} mm; {advice}", PLAUSIBLE_MM.0, PLAUSIBLE_MM.1)]
     Size {
@@ -133,7 +153,11 @@ pub fn load(name: &str, path: &Path, unit: LengthUnit, tip: TipEnd, centre: Cent
                 TipEnd::PlusZ => DVec3::new(v.x - axis.x, axis.y - v.y, high.z - v.z),
             } * scale;
         }
-        Ok(Mesh::new(name, solid))
+        let mesh = Mesh::new(name, &solid);
+        Ok(match solidity::check(&mesh, &solid)? {
+            Some(filled) => Mesh::new(name, &filled),
+            None => mesh,
+        })
     };
     place().map_err(|defect| Error { path: path.to_owned(), defect })
 }

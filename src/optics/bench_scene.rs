@@ -104,6 +104,13 @@ pub fn parse(text: &str, variant: Variant) -> Result<Scene, Error> {
     ];
     if variant == Variant::B {
         let p = &file.plate;
+        if let Some((axis, [low, high])) =
+            [("x", p.x), ("y", p.y), ("z", p.z)].into_iter().find(|(_, [low, high])| !(low < high))
+        {
+            return Err(fault(format!(
+                "plate.{axis} = [{low}, {high}]: the first number is below the second"
+            )));
+        }
         surfaces.push(Surface {
             name: "plate".to_owned(),
             role: Role::Plate,

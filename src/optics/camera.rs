@@ -102,6 +102,19 @@ impl Distortion {
         q * (1.0 + r2 * (self.k1 + r2 * self.k2))
     }
 
+    /// Whether every point of the picture up to so far from its middle is the image of one direction.
+    pub fn reaches(&self, image: f32) -> bool {
+        let mut r = 0.0f32;
+        while r * (1.0 + r * r * (self.k1 + r * r * self.k2)) < image {
+            let r2 = r * r;
+            if !(1.0 + r2 * (3.0 * self.k1 + 5.0 * r2 * self.k2) > 0.0) {
+                return false;
+            }
+            r += 0.01 * image;
+        }
+        true
+    }
+
     /// The inverse of [`Distortion::distort`], by Newton's method on the radius.
     pub fn undistort(&self, image: Vec2) -> Vec2 {
         let rd = image.length();

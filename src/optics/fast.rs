@@ -56,7 +56,9 @@ use plate::Slab;
 use radiosity::Radiosity;
 pub use renderer::Renderer;
 use source::{Lamp, Source};
-use suited::{coarse, fine_camera, lattice_of, pad_of, sources_of, unsupported, without_pad_mesh};
+use suited::{
+    coarse, fine_camera, lattice_of, lit_from_within, pad_of, sources_of, unsupported, without_pad_mesh,
+};
 use view::View;
 use world::World;
 
@@ -160,6 +162,7 @@ impl Precomputed {
             let value = format!("{} x {} mm", size.x, size.y);
             return Err(unsupported("pad", &value, "pads of 4 to 200 mm, for which its steps are chosen"));
         }
+        lit_from_within(untouched, [low, high], rest)?;
         let direct_layout =
             Layout { across, step_mm: DIRECT_STEP_MM, lift_mm: DIRECT_LIFT_MM, lift_step_mm: DIRECT_STEP_MM };
         let probe_layout = Layout {

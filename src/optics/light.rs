@@ -56,11 +56,41 @@ pub struct Light {
     pub albedo: Vec3,
 }
 
+/// Lights have an extent above this, mm.
+const LEAST_MM: f32 = 1e-6;
+/// Directions are of length 1, and edges at right angles, to this part.
+const ASKEW: f32 = 1e-3;
+
 /// Facets around a disc or a tube. The inscribed polygon of 64 sides has 0.16 % less area than the circle;
 /// `tessellate` enlarges it so that the area agrees.
 const FACETS: usize = 64;
 
 impl LightShape {
+    /// What is no shape about it.
+    pub fn fault(&self) -> Option<String> {
+        let long = |v: Vec3| v.is_finite() && v.length() > LEAST_MM;
+        let thick = |r: f32| r.is_finite() && r > LEAST_MM;
+        match self {
+            LightShape::Rectangle { center, half_u, half_v } => {
+                let square = long(*half_u)
+                    && long(*half_v)
+                    && half_u.normalize().dot(half_v.normalize()).abs() < ASKEW;
+                (!(center.is_finite() && square))
+                    .then(|| format!("its half edges are {half_u} and {half_v} mm about {center}"))
+            }
+            LightShape::Disc { center, normal, radius } => {
+                let unit = (normal.length() - 1.0).abs() < ASKEW;
+                (!(center.is_finite() && unit && thick(*radius)))
+                    .then(|| format!("its radius is {radius} mm about {center}, its direction {normal}"))
+            }
+            LightShape::Tube { from, to, radius } => {
+                (!(long(*to - *from) && from.is_finite() && thick(*radius)))
+                    .then(|| format!("its radius is {radius} mm, its axis from {from} to {to}"))
+            }
+            LightShape::Mesh(_) => None,
+        }
+    }
+
     /// The shape as triangles with their normals on the shining side. Exact for rectangles and meshes;
     /// discs and tubes become 64-gons of equal area.
     pub fn tessellate(&self) -> Mesh {

@@ -43,6 +43,11 @@ pub struct Scene {
     pub max_events: u32,
 }
 
+/// Most events that light is followed over.
+const MOST_EVENTS: u32 = 1000;
+/// Tangent of half of the widest field of view, 179 degrees.
+const WIDEST: f32 = 114.59;
+
 impl Scene {
     /// The first surface with the role, if there is one.
     pub fn surface(&self, role: Role) -> Option<&Surface> {
@@ -66,6 +71,20 @@ impl Scene {
         for light in &self.lights {
             if let LightShape::Mesh(mesh) = &light.shape {
                 mesh.check(&light.name)?;
+            }
+            if let Some(what) = light.shape.fault() {
+                return fault(
+                    &light.name,
+                    what,
+                    "give it a finite extent above 0, edges at right angles, unit directions",
+                );
+            }
+            if self.lights.iter().filter(|l| l.name == light.name).count() > 1 {
+                return fault(
+                    &light.name,
+                    "several lights have this name".to_owned(),
+                    "give each a name of its own",
+                );
             }
             if !(light.radiance.is_finite() && light.radiance.min_element() >= 0.0) {
                 return fault(
@@ -99,7 +118,22 @@ impl Scene {
                 "give one of them an albedo below 1",
             );
         }
+        if !(1..=MOST_EVENTS).contains(&self.max_events) {
+            return fault(
+                "the light",
+                format!("it is followed over at most {} events", self.max_events),
+                "use 1 to 1000 events; 8 to 16 are enough for most sensors",
+            );
+        }
         let camera = &self.camera;
+        let axes = glam::Mat3::from_cols(camera.right, camera.up, camera.forward);
+        if !(axes.transpose() * axes).abs_diff_eq(glam::Mat3::IDENTITY, 1e-3) {
+            return fault(
+                "the camera",
+                format!("its axes are {}, {} and {}", camera.right, camera.up, camera.forward),
+                "use three unit vectors at right angles: to the right, upwards, and along the optical axis",
+            );
+        }
         if camera.width == 0 || camera.height == 0 {
             return fault(
                 "the camera",
@@ -107,11 +141,19 @@ impl Scene {
                 "use at least one pixel",
             );
         }
-        if !(camera.origin.is_finite() && camera.tan_half_x.is_finite() && camera.tan_half_x > 0.0) {
+        if !(camera.origin.is_finite() && camera.tan_half_x > 0.0 && camera.tan_half_x < WIDEST) {
             return fault(
                 "the camera",
                 format!("its half field of view is {} (tangent)", camera.tan_half_x),
-                "use a positive, finite field of view below 180 degrees",
+                "use a field of view above 0 and below 179 degrees",
+            );
+        }
+        let corner = glam::Vec2::new(camera.tan_half_x, camera.tan_half_y()).length();
+        if let Some(d) = camera.distortion.filter(|d| !d.reaches(corner)) {
+            return fault(
+                "the camera",
+                format!("its distortion ({}, {}) folds the picture before its corner", d.k1, d.k2),
+                "use coefficients nearer to 0: those of a calibration hold within its pictures",
             );
         }
         Ok(())

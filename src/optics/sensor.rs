@@ -294,7 +294,7 @@ impl SensorOptics {
             problems.push("lights", "[]", "at least one light", "add a [[optics.lights]] table");
         }
         for (k, light) in self.lights.iter().enumerate() {
-            problems.within(format!("lights.[{k}]"), |p| light.check(p));
+            problems.within(format!("lights.[{k}]"), |p| light.check(self.housing.as_ref(), p));
         }
         problems.within("coating", |p| {
             p.range("albedo", self.coating.albedo, 0.0, 0.99, "");
@@ -342,9 +342,37 @@ impl HousingSpec {
 }
 
 impl LightSpec {
-    fn check(&self, p: &mut Problems) {
+    fn check_within(&self, housing: &HousingSpec, p: &mut Problems) {
+        let places = match &self.shape {
+            LightShapeSpec::Rectangle { center_mm, .. } | LightShapeSpec::Disc { center_mm, .. } => {
+                vec![("shape.center_mm", center_mm)]
+            }
+            LightShapeSpec::Tube { from_mm, to_mm, .. } => {
+                vec![("shape.from_mm", from_mm), ("shape.to_mm", to_mm)]
+            }
+        };
+        let walls = [housing.x_mm, housing.y_mm, [-housing.height_mm, f64::INFINITY]];
+        for (key, at) in places {
+            if at.iter().zip(walls).any(|(v, [low, high])| *v < low || *v > high) {
+                p.push(
+                    key,
+                    format!("{at:?}"),
+                    format!(
+                        "within the walls: x in {:?}, y in {:?}, z from {} mm",
+                        housing.x_mm, housing.y_mm, -housing.height_mm
+                    ),
+                    "move the light in, or optics.housing out: walls hide what is behind them",
+                );
+            }
+        }
+    }
+
+    fn check(&self, housing: Option<&HousingSpec>, p: &mut Problems) {
         for (channel, value) in self.rgb.iter().enumerate() {
             p.range(&format!("rgb[{channel}]"), *value, 0.0, 255.0, "");
+        }
+        if let Some(h) = housing {
+            self.check_within(h, p);
         }
         p.range("energy", self.energy, 0.0, 1e6, "");
         p.range("cosine_power", self.cosine_power, 0.0, 200.0, "");

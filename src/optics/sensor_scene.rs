@@ -65,8 +65,9 @@ pub fn scene(
             material: Material::Dielectric { ior: p.ior as f32 },
         });
     }
-    let scene =
-        Scene { surfaces, lights: lights(sensor), camera: camera_of(sensor), max_events: sensor.max_events };
+    // A plate's faces are events, too; those of the file are scatterings.
+    let max_events = if sensor.plate.is_some() { (2 * sensor.max_events).max(16) } else { sensor.max_events };
+    let scene = Scene { surfaces, lights: lights(sensor), camera: camera_of(sensor), max_events };
     scene.check()?;
     Ok(scene)
 }

@@ -187,6 +187,7 @@ fn kind(error: &Error) -> &'static str {
         Error::Setting { .. } => "setting",
         Error::Interrupted => "interrupted",
         Error::Pose { .. } => "pose",
+        Error::Low { .. } => "low",
     }
 }
 

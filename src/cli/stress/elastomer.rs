@@ -32,7 +32,7 @@ pub struct Args {
     /// Run this case alone, with all its checks
     #[arg(long)]
     pub only: Option<u32>,
-    /// Of the cases run only this family (press, slide, turn, layer, finer, mirror, repeat, cycles, border, scale, explicit, long, hostile)
+    /// Of the cases run only this family (press, slide, turn, layer, finer, mirror, repeat, cycles, border, scale, shape, explicit, long, hostile)
     #[arg(long, value_parser = family)]
     pub family: Option<Family>,
     /// Cases beside each other [default: one for each core]
@@ -51,7 +51,7 @@ pub struct Args {
 
 fn family(text: &str) -> Result<Family, String> {
     serde_json::from_value(serde_json::Value::String(text.to_owned()))
-        .map_err(|_| format!("{text:?} is no family of cases"))
+        .map_err(|_| format!("{text:?} is no family of cases; --help lists them"))
 }
 
 /// A process that needs so many times its processor time is stuck without working.

@@ -4,6 +4,7 @@ use super::chart::Chart;
 use super::level::Level;
 use super::resolution::Resolution;
 use crate::elastomer::{Coating, Error, Friction, Material, Pad, PadShape, Settings, pose_can_be_reached};
+use crate::indenter::Indenter;
 use crate::pose::Pose;
 
 /// Shortest radius of a dome or a cylinder over the distance of its axis from the pad's furthest place: beyond, the
@@ -48,11 +49,10 @@ impl Body {
     /// Refuses a pose that no indenter can be brought to.
     ///
     /// # Errors
-    /// [`Error::Pose`] for one too far away, or in the backing.
-    pub fn reaches(&self, pose: &Pose) -> Result<(), Error> {
+    /// [`Error::Pose`] for one too far away, or in the backing; [`Error::Low`] for one in which the indenter is all in the pad.
+    pub fn reaches(&self, indenter: &dyn Indenter, pose: &Pose) -> Result<(), Error> {
         let face_mm = Chart::new(self.shape, self.size_mm).map_or(0.0, |c| c.height_mm(pose.x_mm, pose.y_mm));
-        // The backing has the face's shape.
-        pose_can_be_reached(pose, self.size_mm[2] - face_mm)
+        pose_can_be_reached(indenter, pose, face_mm, self.size_mm[2])
     }
 }
 

@@ -431,9 +431,11 @@ impl Level {
         let grid = self.machine.operator.grid();
         let unseen =
             probe::unseen_penetration_mm(grid, self.chart.as_ref(), &self.at.u, indenter, &self.at.pose);
-        // A face at rest under a body that stands in it: nothing of the press is there.
-        let Some(outcome) = self.at.outcome else { return (unseen > 0.0).then_some(1.0) };
         let depth = depth.max(LEAST_DEPTH_MM);
+        // A face at rest under a body that stands in it: what is not seen is missing.
+        let Some(outcome) = self.at.outcome else {
+            return (unseen > 0.0).then(|| (unseen / depth).min(1.0));
+        };
         let between = self.at.contacts.penetration_between(indenter, &self.at.pose, &self.at.u);
         let narrow = 1.0 + NARROW * self.at.contacts.rim_part().powi(4);
         let misfit = narrow * (MISFIT_TO_ERROR * between + self.at.penetration_mm).max(unseen);

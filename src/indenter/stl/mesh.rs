@@ -12,6 +12,9 @@ use std::collections::HashMap;
 /// Triangles in a leaf.
 const LEAF: usize = 4;
 
+/// What goes less far through a face only touches it, over the mesh's diagonal.
+const TOUCHING: f64 = 1e-6;
+
 /// A mesh that answers distance queries.
 #[derive(Debug)]
 pub struct Mesh {
@@ -19,6 +22,7 @@ pub struct Mesh {
     triangles: Vec<Triangle>,
     root: Node,
     half_extent: DVec2,
+    height_mm: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -41,7 +45,7 @@ struct Node {
 
 impl Mesh {
     /// Builds the hierarchy and the pseudonormals.
-    pub fn new(name: &str, solid: Solid) -> Mesh {
+    pub fn new(name: &str, solid: &Solid) -> Mesh {
         let at = |i: u32| solid.vertices[i as usize];
         let face_normals: Vec<DVec3> = solid
             .triangles
@@ -75,7 +79,52 @@ impl Mesh {
         let (low, high) = super::bounds(&solid.vertices);
         let reach = low.abs().max(high.abs());
         let root = Node::build(&mut triangles, 0);
-        Mesh { name: name.to_owned(), triangles, root, half_extent: DVec2::new(reach.x, reach.y) }
+        let half_extent = DVec2::new(reach.x, reach.y);
+        Mesh { name: name.to_owned(), triangles, root, half_extent, height_mm: high.z }
+    }
+
+    /// Whether an edge from `a` to `b` goes through a triangle that does not end in it.
+    pub fn is_crossed(&self, a: DVec3, b: DVec3) -> bool {
+        let slack = (self.root.high - self.root.low).length() * TOUCHING;
+        let (low, high) = (a.min(b), a.max(b));
+        let mut stack = vec![&self.root];
+        while let Some(node) = stack.pop() {
+            if node.low.cmpgt(high).any() || node.high.cmplt(low).any() {
+                continue;
+            }
+            if let Some(children) = &node.children {
+                stack.extend(children.iter());
+                continue;
+            }
+            let triangles = &self.triangles[node.range.clone()];
+            if triangles
+                .iter()
+                .any(|t| !t.corners.contains(&a) && !t.corners.contains(&b) && t.is_cut(a, b, slack))
+            {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// How often the mesh goes around a point, counted along a direction: 1 inside a solid, 0 outside.
+    pub fn winding(&self, point: DVec3, direction: DVec3) -> i32 {
+        let (mut count, mut stack) = (0, vec![&self.root]);
+        while let Some(node) = stack.pop() {
+            let (s, t) = ((node.low - point) / direction, (node.high - point) / direction);
+            let (enter, leave) = (s.min(t).max_element(), s.max(t).min_element());
+            if leave < enter.max(0.0) {
+                continue;
+            }
+            match &node.children {
+                Some(children) => stack.extend(children.iter()),
+                None => {
+                    let met = |t: &Triangle| t.met_along(point, direction);
+                    count += self.triangles[node.range.clone()].iter().map(met).sum::<i32>();
+                }
+            }
+        }
+        count
     }
 
     /// The nearest surface point and the pseudonormal there.
@@ -126,6 +175,10 @@ impl Indenter for Mesh {
 
     fn half_extent_mm(&self) -> [f64; 2] {
         self.half_extent.into()
+    }
+
+    fn height_mm(&self) -> f64 {
+        self.height_mm
     }
 
     fn lower_surface(&self, x_mm: f64, y_mm: f64) -> Option<f64> {
@@ -212,6 +265,36 @@ impl Triangle {
         }
         let sum = va + vb + vc;
         (a + ab * (vb / sum) + ac * (vc / sum), self.face)
+    }
+
+    /// Whether a line from `a` to `b` goes through its inside, by more than `slack` on both sides.
+    fn is_cut(&self, a: DVec3, b: DVec3, slack: f64) -> bool {
+        let (from, to) = ((a - self.corners[0]).dot(self.face), (b - self.corners[0]).dot(self.face));
+        if from * to >= 0.0 || from.abs().min(to.abs()) <= slack {
+            return false;
+        }
+        let at = a + (b - a) * (from / (from - to));
+        self.weights(at).is_some_and(|w| w.min_element() > 1e-6)
+    }
+
+    /// 1 where a ray leaves a solid through it, -1 where it enters, 0 where it passes by.
+    fn met_along(&self, point: DVec3, direction: DVec3) -> i32 {
+        let facing = self.face.dot(direction);
+        let ahead = (self.corners[0] - point).dot(self.face) / facing;
+        let hits = |at: DVec3| self.weights(at).is_some_and(|w| w.min_element() >= 0.0);
+        if ahead > 0.0 && ahead.is_finite() && hits(point + direction * ahead) {
+            facing.signum() as i32
+        } else {
+            0
+        }
+    }
+
+    /// Barycentric coordinates of a point of its plane.
+    fn weights(&self, at: DVec3) -> Option<DVec3> {
+        let [a, b, c] = self.corners;
+        let area = (b - a).cross(c - a).dot(self.face);
+        let weight = |p: DVec3, q: DVec3| (q - p).cross(at - p).dot(self.face) / area;
+        (area > 0.0).then(|| DVec3::new(weight(b, c), weight(c, a), weight(a, b)))
     }
 
     /// Height of the triangle above (x, y), edges included.

@@ -183,6 +183,53 @@ fn every_defect_is_named() {
     assert!(missing.map(|_| ()).unwrap_err().to_string().contains("cannot be read"));
 }
 
+/// A sphere about (x, 0, 4), its triangles turned inwards if asked.
+fn ball(x: f64, radius: f64, inwards: bool) -> Triangles {
+    let (n, m) = (24, 12);
+    let point = |i: usize, j: usize| {
+        let (u, v) = (TAU * (i % n) as f64 / n as f64, 0.5 * TAU * j as f64 / m as f64);
+        DVec3::new(x, 0.0, 4.0) + radius * DVec3::new(v.sin() * u.cos(), v.sin() * u.sin(), -v.cos())
+    };
+    let mut t = Vec::new();
+    for i in 0..n {
+        for j in 0..m {
+            quad(&mut t, point(i, j), point(i, j + 1), point(i + 1, j + 1), point(i + 1, j));
+        }
+    }
+    if inwards {
+        t.iter_mut().for_each(|t| t.swap(1, 2));
+    }
+    t
+}
+
+#[test]
+fn what_bounds_no_solid_is_refused_and_cavities_are_filled() {
+    let both = |a: Triangles, b: Triangles| load_mm(&[a, b].concat());
+    let message = |r: Result<Mesh, Defect>| r.map(|_| ()).unwrap_err().to_string();
+    let (low, high) = (DVec3::new(-2.0, -2.0, 0.0), DVec3::new(2.0, 2.0, 4.0));
+    let whole = cuboid(low, high);
+
+    // Boxes through each other: askew, and with faces in common planes.
+    let askew = cuboid(DVec3::new(0.3, -1.1, 1.3), DVec3::new(5.0, 1.2, 3.1));
+    assert!(message(both(whole.clone(), askew)).contains("cuts through itself: the edge from ["));
+    let flush = cuboid(low + DVec3::X, high + 2.0 * DVec3::X);
+    assert!(message(both(whole.clone(), flush)).contains("(of 2) that lies in another"));
+    // A corner pulled through the opposite face.
+    let twisted =
+        whole.iter().map(|t| t.map(|v| if v == low { DVec3::new(0.7, 0.4, 9.0) } else { v })).collect();
+    assert!(message(load_mm(&twisted)).contains("cuts through itself"));
+    // One in another, and one inside out beside another.
+    assert!(message(both(ball(0.0, 3.0, false), ball(0.0, 2.0, false))).contains("lies in another"));
+    assert!(message(both(ball(0.0, 3.0, false), ball(7.0, 2.5, true))).contains("is inside out"));
+
+    // Beside each other they are fine; and a hollow ball is as a full one.
+    assert!(both(ball(0.0, 3.0, false), ball(7.0, 2.5, false)).is_ok());
+    let hollow = both(ball(0.0, 3.0, false), ball(0.0, 2.9, true)).unwrap();
+    // (Its facets lie nearer to the middle than its corners.)
+    assert!((hollow.distance(DVec3::new(0.0, 0.0, 3.0)) + 3.0).abs() < 0.15);
+    assert!((hollow.height_mm() - 6.0).abs() < 1e-6);
+}
+
 #[test]
 fn a_spec_names_a_mesh_relative_to_its_file_and_refuses_to_round_it() {
     let folder = tempfile::tempdir().unwrap();

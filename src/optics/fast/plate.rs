@@ -12,6 +12,12 @@ use glam::{Vec2, Vec3};
 /// Orders of inner reflection that are followed.
 pub const ORDERS: usize = 4;
 
+/// Fewest events of a scene with a plate, each of whose faces is one: about half of them are scatterings, and where they end
+/// early it matters which.
+const LEAST_EVENTS: u32 = 16;
+/// A plate may miss the walls by this much, mm.
+const SLIT_MM: f32 = 0.01;
+
 /// A plate of infinite width.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Slab {
@@ -60,6 +66,22 @@ impl Slab {
         let pad = scene.surface(Role::Pad).map_or(f32::NEG_INFINITY, |pad| z(&pad.mesh)[1]);
         if pad >= low {
             return refused("plates above the pad");
+        }
+        let across = |mesh: &Mesh| mesh.positions.iter().map(|p| p.truncate()).collect::<Vec<_>>();
+        let bounds = |points: &[Vec2]| {
+            let inf = Vec2::splat(f32::INFINITY);
+            points.iter().fold([inf, -inf], |[low, high], p| [low.min(*p), high.max(*p)])
+        };
+        let [from, to] = bounds(&across(&plate.mesh));
+        if let Some(within) = scene.surface(Role::Housing).or(scene.surface(Role::Pad)) {
+            let [low, high] = bounds(&across(&within.mesh));
+            if from.cmpgt(low + SLIT_MM).any() || to.cmplt(high - SLIT_MM).any() {
+                return refused("plates as wide as the walls that they stand between");
+            }
+        }
+        if scene.max_events < LEAST_EVENTS {
+            let value = scene.max_events.to_string();
+            return Err(super::unsupported("max_events", &value, "scenes with a plate of 16 events or more"));
         }
         for light in &scene.lights {
             let [from, to] = z(&light.shape.tessellate());

@@ -2,8 +2,11 @@
 
 use super::source::Source;
 use crate::optics::{Camera, Error, Light, Mesh, Role, Scene, Surface};
+use glam::{Vec2, Vec3};
 use std::sync::Arc;
 
+/// A light may reach into a wall by this much, mm.
+const BESIDE_MM: f32 = 0.01;
 /// Most points along an edge of the pad in the world that light is solved in: the untouched face is smooth.
 const WORLD_POINTS: usize = 81;
 
@@ -55,6 +58,29 @@ pub(super) fn sources_of(scene: &Scene) -> Result<Vec<Source>, Error> {
             .ok_or_else(|| unsupported("lights", &light.name, "only one-sided lights that are no meshes"))
     };
     scene.lights.iter().map(source).collect()
+}
+
+/// Refuses lights that walls hide from the pad: behind them, and under its face.
+pub(super) fn lit_from_within(
+    scene: &Scene,
+    [low, high]: [Vec2; 2],
+    face: impl Fn(Vec2) -> f32,
+) -> Result<(), Error> {
+    let inf = Vec3::splat(f32::INFINITY);
+    let walls = scene.surfaces.iter().filter(|s| s.role == Role::Housing).flat_map(|s| &s.mesh.positions);
+    let [from, to] = walls.fold([inf, -inf], |[l, h], p| [l.min(*p), h.max(*p)]);
+    for light in &scene.lights {
+        let points = light.shape.tessellate().positions;
+        let outside = |p: &Vec3| p.cmplt(from - BESIDE_MM).any() || p.cmpgt(to + BESIDE_MM).any();
+        if from.x < to.x && points.iter().any(outside) {
+            return Err(unsupported("lights", &light.name, "lights within the walls"));
+        }
+        let over = |p: &Vec3| p.truncate().cmpge(low).all() && p.truncate().cmple(high).all();
+        if points.iter().any(|p| over(p) && p.z < face(p.truncate())) {
+            return Err(unsupported("lights", &light.name, "lights above the pad's face"));
+        }
+    }
+    Ok(())
 }
 
 /// The same scene with a pad of no more points than light between walls needs.
