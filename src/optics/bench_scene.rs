@@ -105,7 +105,7 @@ pub fn parse(text: &str, variant: Variant) -> Result<Scene, Error> {
     if variant == Variant::B {
         let p = &file.plate;
         if let Some((axis, [low, high])) =
-            [("x", p.x), ("y", p.y), ("z", p.z)].into_iter().find(|(_, [low, high])| !(low < high))
+            [("x", p.x), ("y", p.y), ("z", p.z)].into_iter().find(|(_, [low, high])| low >= high)
         {
             return Err(fault(format!(
                 "plate.{axis} = [{low}, {high}]: the first number is below the second"

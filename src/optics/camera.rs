@@ -107,7 +107,7 @@ impl Distortion {
         let mut r = 0.0f32;
         while r * (1.0 + r * r * (self.k1 + r * r * self.k2)) < image {
             let r2 = r * r;
-            if !(1.0 + r2 * (3.0 * self.k1 + 5.0 * r2 * self.k2) > 0.0) {
+            if 1.0 + r2 * (3.0 * self.k1 + 5.0 * r2 * self.k2) <= 0.0 {
                 return false;
             }
             r += 0.01 * image;
