@@ -31,6 +31,7 @@ pub mod imager;
 pub mod imaging;
 pub mod irradiance;
 pub mod light;
+pub mod markers;
 pub mod material;
 pub mod mesh;
 pub mod noise;
@@ -104,7 +105,7 @@ pub enum Error {
         next: String,
     },
     /// The fast mode has no way to render this; the reference mode has.
-    #[error("{key} = {value}: the fast mode renders {what}; set optics.mode = \"reference\" for this sensor")]
+    #[error("{key} = {value}: the fast mode renders {what}; the reference mode has no such limit")]
     NotFast {
         /// What of the scene.
         key: &'static str,

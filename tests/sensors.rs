@@ -44,7 +44,7 @@ fn shipped_sensors_load_pass_their_checks_and_see_all_of_their_pad() {
         assert!(picture.rgb.iter().all(|&c| c > 20), "{} is dark somewhere", path.display());
         seen += 1;
     }
-    assert!(seen >= 4);
+    assert!(seen >= 5);
 }
 
 #[test]
@@ -59,4 +59,33 @@ fn a_typo_and_a_light_outside_are_told_with_their_keys() {
     file.optics.check(&mut problems);
     let keys: Vec<String> = problems.into_vec().into_iter().map(|p| p.key).collect();
     assert_eq!(keys, ["housing.x_mm", "housing.y_mm", "lights[0].shape.center_mm"]);
+}
+
+#[test]
+fn a_light_of_triangles_shines_as_the_rectangle_that_they_make() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors/gelsight.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let rectangle = "{ kind = \"rectangle\", center_mm = [-9.999, 0.0, -2.5], facing = [1.0, 0.0, 0.0], size_mm = [12.0, 2.0] }";
+    assert!(text.contains(rectangle));
+    let mesh = "{ kind = \"mesh\", vertices_mm = [[-9.999, -6.0, -3.5], [-9.999, 6.0, -3.5], [-9.999, 6.0, -1.5], \
+                [-9.999, -6.0, -1.5]], triangles = [[0, 1, 2], [0, 2, 3]] }";
+    let mean = |text: &str| {
+        let file: SensorFile = toml::from_str(text).unwrap();
+        let mut problems = Problems::new();
+        file.optics.check(&mut problems);
+        assert_eq!(problems.into_vec(), Vec::new());
+        let mut optics = file.optics;
+        optics.lights.truncate(1);
+        (optics.camera.width_px, optics.camera.height_px, optics.camera.mm_per_px) = (32, 24, 0.5625);
+        let rest = DisplacedSurface::flat(41, 41, [file.pad.size_x_mm, file.pad.size_y_mm]);
+        let settings = reference::Settings { samples: 256, seed: 0 };
+        imager::Imager::new(&optics, settings, None, &rest).unwrap().picture(&rest, 0).unwrap().light.mean().z
+    };
+    let (of_rectangle, of_mesh) = (mean(&text), mean(&text.replace(rectangle, mesh)));
+    assert!((of_mesh / of_rectangle - 1.0).abs() < 0.01, "{of_mesh} {of_rectangle}");
+    let beyond =
+        toml::from_str::<SensorFile>(&text.replace(rectangle, &mesh.replace("[0, 2, 3]", "[0, 2, 4]")));
+    let mut problems = Problems::new();
+    beyond.unwrap().optics.check(&mut problems);
+    assert_eq!(problems.into_vec()[0].key, "lights.[0].shape.triangles");
 }

@@ -29,7 +29,12 @@ pub fn twin(setup: &Setup) -> Result<Twin, TwinError> {
     let indenters = setup.plan.as_ref().map_or_else(BTreeMap::new, |p| p.bodies());
     Ok(Twin {
         model: Model { pad: sensor.pad.clone(), settings: rig.elastomer.clone(), indenters },
-        view: View { sensor: sensor.optics.clone(), method, store: super::cache::optics_store() },
+        view: View {
+            sensor: sensor.optics.clone(),
+            method,
+            store: super::cache::optics_store(),
+            untouched: sensor.untouched.clone(),
+        },
         follow: match rig.twin.poses {
             TwinPoses::Commanded => FollowedPoses::Commanded,
             TwinPoses::Measured => FollowedPoses::Measured,

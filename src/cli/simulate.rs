@@ -14,6 +14,7 @@ use crate::config::Setup;
 use crate::dataset::depth;
 use crate::image::{npy, png};
 use crate::motion::Trajectory;
+use crate::optics::sensor::CameraSpec;
 use crate::session::{StopLevel, StopSwitch};
 use crate::twin::branches::grow;
 use crate::twin::{Deformed, Outcome, Picture, Twin, Walk, Wear};
@@ -95,9 +96,9 @@ impl Args {
                 }
             }
             Ok(Err(e)) => {
-                let is_refusal = matches!(e, SimulateError::Occupied { .. } | SimulateError::Captures { .. });
+                let exit = e.exit();
                 screen::error(e);
-                if is_refusal { Exit::Refused } else { Exit::Failed }
+                exit
             }
             Err(e) => {
                 screen::error(format_args!("the simulation ended unexpectedly: {e}"));
@@ -228,13 +229,9 @@ impl Args {
     fn wear(&self, twin: &Twin) -> Result<Wear, SimulateError> {
         let untouched = match &self.background {
             None => None,
-            Some(path) => {
-                let bytes = std::fs::read(path)
-                    .map_err(|e| SimulateError::Read { path: path.clone(), why: e.to_string() })?;
-                Some(png::decode(&bytes)?)
-            }
+            Some(path) => Some(untouched_picture(path, &twin.view.sensor.camera)?),
         };
-        Ok(twin.pool.install(|| twin.wear(untouched.as_ref()))?)
+        twin.pool.install(|| twin.wear(untouched.as_ref())).map_err(SimulateError::Sensor)
     }
 
     /// The captures of `--captures`, or all.
@@ -253,6 +250,18 @@ impl Args {
         }
         Ok(wanted)
     }
+}
+
+/// The picture of the untouched sensor, in the camera's size.
+fn untouched_picture(path: &Path, camera: &CameraSpec) -> Result<crate::image::Picture, SimulateError> {
+    let unread = |why: String| SimulateError::Read { path: path.to_owned(), why };
+    let bytes = std::fs::read(path).map_err(|e| unread(e.to_string()))?;
+    let picture = png::decode(&bytes).map_err(|e| unread(e.to_string()))?;
+    let (wanted, found) = ([camera.width_px, camera.height_px], [picture.width, picture.height]);
+    if found.map(|n| n as usize) != wanted {
+        return Err(SimulateError::Size { path: path.to_owned(), found, wanted });
+    }
+    Ok(picture)
 }
 
 /// `captures.jsonl`: a line is there as soon as its capture is, and in the end they are in order.
@@ -302,6 +311,8 @@ fn line(trajectory: &Trajectory, capture: u32, deformed: &Deformed, picture: Opt
     });
     if let Some(picture) = picture {
         line["render_seconds"] = serde_json::json!(picture.took.as_secs_f64());
+        line["light_error"] = serde_json::json!(picture.estimated_error);
+        line["light_meets_tolerance"] = serde_json::json!(picture.meets_tolerance());
     }
     line.to_string()
 }
@@ -330,6 +341,22 @@ impl std::fmt::Display for Summary {
     }
 }
 
+impl SimulateError {
+    /// What is wrong with the request leaves everything as it was.
+    fn exit(&self) -> Exit {
+        match self {
+            Self::Optics(_) | Self::Image(_) | Self::Dataset(_) | Self::Write { .. } => Exit::Failed,
+            Self::NoPlan
+            | Self::Occupied { .. }
+            | Self::Twin(_)
+            | Self::Read { .. }
+            | Self::Size { .. }
+            | Self::Sensor(_)
+            | Self::Captures { .. } => Exit::Refused,
+        }
+    }
+}
+
 /// Names the trajectory that a folder of results belongs to.
 const MARK: &str = "trajectory.blake3";
 
@@ -350,8 +377,15 @@ enum SimulateError {
     Dataset(#[from] crate::dataset::Error),
     #[error("cannot write {}: {why}; check --out and the space left", path.display())]
     Write { path: PathBuf, why: String },
-    #[error("cannot read {}: {why}; check --background", path.display())]
+    #[error("--background {}: {why}; give a PNG of the untouched sensor", path.display())]
     Read { path: PathBuf, why: String },
+    #[error(
+        "--background {} is {} x {}, the sensor's camera {} x {}; take it in that size, or change the sensor file's optics.camera",
+        path.display(), found[0], found[1], wanted[0], wanted[1]
+    )]
+    Size { path: PathBuf, found: [u32; 2], wanted: [usize; 2] },
+    #[error(transparent)]
+    Sensor(crate::optics::Error),
     #[error("--captures {list:?} is no list of captures from 0 to {last}; write e.g. 0,4,8-11")]
     Captures { list: String, last: u32 },
 }

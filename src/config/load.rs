@@ -367,12 +367,12 @@ impl Loader {
             return None;
         };
         let source = self.named(Kind::Sensor, &name, &naming, "sensor", lookup)?;
-        let stem = source.name.clone();
+        let (stem, folder) = (source.name.clone(), source.folder.clone());
         let mut document = Document::parse(source, &mut self.findings)?;
         for setting in sets {
             document.set(&setting.text, &setting.within_domain(), setting.value.clone(), &mut self.findings);
         }
-        document.read(|file: &SensorFile, p| file.check(&stem, p), &mut self.findings)
+        document.read(|file: &SensorFile, p| file.check(&stem, folder.as_deref(), p), &mut self.findings)
     }
 
     fn indenters(

@@ -1,9 +1,11 @@
 //! The sensor file: the pad and the optics around it.
 
 use crate::elastomer::{Pad, PadShape};
+use crate::image::{Picture, png};
 use crate::optics::sensor::SensorOptics;
 use crate::problem::Problems;
 use serde::Deserialize;
+use std::path::{Path, PathBuf};
 
 /// The newest sensor format.
 pub const SCHEMA: u32 = 1;
@@ -23,6 +25,9 @@ pub struct SensorFile {
     pub pad: Pad,
     /// Camera, lights, walls, coating.
     pub optics: SensorOptics,
+    /// A PNG of the untouched sensor, beside this file: worn where no session has taken one.
+    #[serde(default)]
+    pub untouched: Option<PathBuf>,
 }
 
 /// A checked sensor.
@@ -34,11 +39,14 @@ pub struct SensorConfig {
     pub pad: Pad,
     /// Camera, lights, walls, coating.
     pub optics: SensorOptics,
+    /// The sensor untouched, in the camera's size.
+    pub untouched: Option<Picture>,
 }
 
 impl SensorFile {
-    /// The checked sensor; meaningless when problems were reported. `stem` is the file's name.
-    pub fn check(&self, stem: &str, problems: &mut Problems) -> SensorConfig {
+    /// The checked sensor; meaningless when problems were reported. `stem` is the file's name, `folder` the one that it lies in
+    /// (none for the program's own copy).
+    pub fn check(&self, stem: &str, folder: Option<&Path>, problems: &mut Problems) -> SensorConfig {
         if self.schema != SCHEMA {
             let next =
                 format!("this program reads schema {SCHEMA}; rewrite the file or use a matching release");
@@ -55,7 +63,35 @@ impl SensorFile {
         }
         problems.within("pad", |p| check_pad(&self.pad, p));
         problems.within("optics", |p| self.optics.check(p));
-        SensorConfig { name: self.name.clone(), pad: self.pad.clone(), optics: self.optics.clone() }
+        let untouched = self.untouched.as_ref().and_then(|path| self.picture(path, folder, problems));
+        SensorConfig {
+            name: self.name.clone(),
+            pad: self.pad.clone(),
+            optics: self.optics.clone(),
+            untouched,
+        }
+    }
+
+    fn picture(&self, path: &Path, folder: Option<&Path>, problems: &mut Problems) -> Option<Picture> {
+        let path = folder.map_or_else(|| path.to_owned(), |folder| folder.join(path));
+        let camera = &self.optics.camera;
+        let wanted = format!("a PNG of {} x {} pixels", camera.width_px, camera.height_px);
+        let mut refuse = |what: String| {
+            let next = "take it with `twinrig camera RIG --preview`, or leave the key out";
+            problems.push(
+                "untouched",
+                format!("{:?}: {what}", path.display().to_string()),
+                wanted.clone(),
+                next,
+            );
+        };
+        let bytes = std::fs::read(&path).map_err(|e| refuse(e.to_string())).ok()?;
+        let picture = png::decode(&bytes).map_err(|e| refuse(e.to_string())).ok()?;
+        if [picture.width as usize, picture.height as usize] != [camera.width_px, camera.height_px] {
+            refuse(format!("{} x {} pixels", picture.width, picture.height));
+            return None;
+        }
+        Some(picture)
     }
 }
 
@@ -83,4 +119,31 @@ fn check_pad(pad: &Pad, problems: &mut Problems) {
             p.range("radius_mm", radius_mm, half, 1e4, "mm");
         }
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_untouched_picture_is_read_beside_the_file_and_has_the_cameras_size() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = include_str!("../../rig_configs/sensors/gelsight.toml");
+        let text = text.replace("name = \"gelsight\"", "name = \"gelsight\"\nuntouched = \"rest.png\"");
+        let file: SensorFile = toml::from_str(&text).unwrap();
+        let check = || {
+            let mut problems = Problems::new();
+            let sensor = file.check("gelsight", Some(folder.path()), &mut problems);
+            (sensor.untouched, problems.into_vec())
+        };
+        let (untouched, problems) = check();
+        assert!(untouched.is_none() && problems[0].key == "untouched", "{problems:?}");
+        for (size, is_right) in [([640, 480], true), ([480, 480], false)] {
+            let [width, height] = size;
+            let grey = Picture { width, height, rgb: vec![90; (3 * width * height) as usize] };
+            std::fs::write(folder.path().join("rest.png"), png::encode(&grey).unwrap()).unwrap();
+            let (untouched, problems) = check();
+            assert_eq!((untouched.is_some(), problems.is_empty()), (is_right, is_right), "{problems:?}");
+        }
+    }
 }

@@ -24,6 +24,7 @@ mod estimate;
 mod exchange;
 mod fixed;
 mod frame;
+mod gains;
 mod grid;
 mod ground;
 mod horizon;
@@ -43,6 +44,7 @@ mod suited;
 mod tables;
 pub(super) mod vector;
 mod view;
+mod wall_shadow;
 mod world;
 
 use super::{Error, Scene};
@@ -186,7 +188,7 @@ impl Precomputed {
         let covers = Covers::new(&looks, &corners, view.corners(), lamps.len());
         let (fixed, fixed_lights) = fixed::by_light(&corners, lamps.len());
         let cell_px = bounce::SENDING * frame::cell_px(pixel_mm(&view));
-        let echo = Echo::new(&world, &view, cell_px, &probe_layout, events, rest, buried);
+        let echo = Echo::new(&world, &view, &lamps, cell_px, &probe_layout, events, rest, buried);
         let tables = Tables {
             echo,
             direct: tables::direct(&sources, slab.as_ref(), &direct_layout, rest),

@@ -9,7 +9,7 @@ use super::sensor::{SensorOptics, TextureMode};
 use super::sensor_scene::{face, scene};
 use super::store::Store;
 use super::surface::DisplacedSurface;
-use super::{Error, Film, Role, Scene, Texture, fast, imaging, reference};
+use super::{Error, Film, Role, Scene, Texture, fast, imaging, markers, reference};
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
 use std::time::Instant;
@@ -90,13 +90,14 @@ impl std::fmt::Display for Notice {
             Notice::FellBack { why, samples } => {
                 write!(
                     f,
-                    "pictures are made in the reference mode, {samples} samples a pixel, which is slow: {why}"
+                    "pictures are made in the reference mode, {samples} samples a pixel, which is slow: {why} \
+                     (optics.mode = \"reference\" in the rig file takes it without this warning)"
                 )
             }
             Notice::AboveTolerance { estimated, tolerance } => write!(
                 f,
                 "the picture's relRMSE is estimated at {:.2} %, above the {:.2} % asked for; \
-                 optics.mode = \"reference\" has no such limit",
+                 the reference mode has no such limit",
                 100.0 * estimated,
                 100.0 * tolerance
             ),
@@ -113,6 +114,8 @@ pub struct Imager {
     sensor: SensorOptics,
     engine: Engine,
     background: Option<Texture>,
+    /// What is on the coating.
+    albedo: Option<Arc<Texture>>,
     /// Linear picture of the untouched sensor, and where each pixel sees the face.
     untouched: Film,
     untouched_uv: Vec<Option<Vec2>>,
@@ -179,8 +182,15 @@ impl Imager {
             let texels = b.rgb.chunks_exact(3).map(|p| Vec3::new(light(&p[0]), light(&p[1]), light(&p[2])));
             Texture { width: b.width, height: b.height, texels: texels.collect() }
         });
+        let albedo = match (&background, sensor.texture) {
+            (Some(background), TextureMode::Lit) => Some(background.clone()),
+            // The markers are in the image, and ride on it.
+            (Some(_), TextureMode::Ratio) => None,
+            _ => markers::printed(sensor),
+        };
         let mut imager = Self {
             sensor: sensor.clone(),
+            albedo: albedo.map(Arc::new),
             engine: Engine::Reference(reference::Settings::default()),
             background,
             untouched: Film::new(0, 0),
@@ -266,7 +276,7 @@ impl Imager {
     }
 
     fn scene(&self, surface: &DisplacedSurface) -> Result<Scene, Error> {
-        scene(&self.sensor, &face(&self.sensor, surface), self.background.as_ref())
+        scene(&self.sensor, &face(&self.sensor, surface), self.albedo.as_ref())
     }
 
     /// The light on a pad and what pixels see of it, and when the pad was ready to be rendered; None where it has not moved
@@ -396,6 +406,7 @@ mod tests {
                 albedo: 0.4,
             }),
             plate: None,
+            markers: None,
             lights: vec![
                 light("blue", [-7.999, 0.0, -4.0], [1.0, 0.0, 0.0], [25.0, 75.0, 255.0]),
                 light("red", [0.0, 7.999, -4.0], [0.0, -1.0, 0.0], [255.0, 50.0, 75.0]),

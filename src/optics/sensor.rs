@@ -22,6 +22,9 @@ pub struct SensorOptics {
     /// The pad's coating.
     #[serde(default)]
     pub coating: CoatingSpec,
+    /// Dots printed on the coating. With an image of the untouched sensor they are in that.
+    #[serde(default)]
+    pub markers: Option<MarkerSpec>,
     /// How the image of the untouched sensor is used.
     #[serde(default)]
     pub texture: TextureMode,
@@ -151,6 +154,13 @@ pub enum LightShapeSpec {
         /// Radius, mm.
         radius_mm: f64,
     },
+    /// Triangles that shine where their normals point.
+    Mesh {
+        /// Corners, mm.
+        vertices_mm: Vec<[f64; 3]>,
+        /// Three corners each by number from 0, counterclockwise seen from where they shine.
+        triangles: Vec<[u32; 3]>,
+    },
 }
 
 /// The coating of the pad's face.
@@ -168,6 +178,26 @@ impl Default for CoatingSpec {
     fn default() -> Self {
         Self { albedo: 0.5, roughness: 1.0 }
     }
+}
+
+/// Dots in rows and columns on the pad's face, printed on its coating.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MarkerSpec {
+    /// From dot to dot, mm (on the plane through the apex of a curved face, as the camera sees it).
+    pub pitch_mm: f64,
+    /// Of a dot, mm.
+    pub diameter_mm: f64,
+    /// Diffuse reflectance of the ink.
+    #[serde(default = "default_ink")]
+    pub albedo: f64,
+    /// Where one of the dots is, pad frame, mm.
+    #[serde(default)]
+    pub offset_mm: [f64; 2],
+}
+
+fn default_ink() -> f64 {
+    0.05
 }
 
 /// How the image of the untouched sensor becomes part of a picture.
@@ -300,6 +330,9 @@ impl SensorOptics {
             p.range("albedo", self.coating.albedo, 0.0, 0.99, "");
             p.range("roughness", self.coating.roughness, 0.05, 1.0, "");
         });
+        if let Some(markers) = &self.markers {
+            problems.within("markers", |p| markers.check(p));
+        }
         problems.within("mesh", |p| {
             let bad = |n: usize| !(2..=8192).contains(&n);
             if self.mesh.vertices != [0, 0] && self.mesh.vertices.into_iter().any(bad) {
@@ -349,6 +382,9 @@ impl LightSpec {
             }
             LightShapeSpec::Tube { from_mm, to_mm, .. } => {
                 vec![("shape.from_mm", from_mm), ("shape.to_mm", to_mm)]
+            }
+            LightShapeSpec::Mesh { vertices_mm, .. } => {
+                vertices_mm.iter().map(|v| ("shape.vertices_mm", v)).collect()
             }
         };
         let walls = [housing.x_mm, housing.y_mm, [-housing.height_mm, f64::INFINITY]];
@@ -416,6 +452,32 @@ impl LightSpec {
                 point(p, "shape.to_mm", to_mm);
                 p.range("shape.radius_mm", *radius_mm, 1e-3, 100.0, "mm");
             }
+            LightShapeSpec::Mesh { vertices_mm, triangles } => {
+                vertices_mm.iter().for_each(|v| point(p, "shape.vertices_mm", v));
+                let beyond = |t: &&[u32; 3]| t.iter().any(|k| *k as usize >= vertices_mm.len());
+                if let Some(triangle) = triangles.iter().find(beyond) {
+                    p.push(
+                        "shape.triangles",
+                        format!("{triangle:?}"),
+                        format!("numbers of the {} corners, from 0", vertices_mm.len()),
+                        "count the corners of shape.vertices_mm from 0",
+                    );
+                }
+                if triangles.is_empty() {
+                    p.push("shape.triangles", "[]", "at least one triangle", "e.g. [[0, 1, 2]]");
+                }
+            }
+        }
+    }
+}
+
+impl MarkerSpec {
+    fn check(&self, p: &mut Problems) {
+        p.range("pitch_mm", self.pitch_mm, 0.1, 50.0, "mm");
+        p.range("diameter_mm", self.diameter_mm, 0.02, self.pitch_mm.max(0.02), "mm, up to the pitch");
+        p.range("albedo", self.albedo, 0.0, 0.99, "");
+        for (axis, value) in self.offset_mm.iter().enumerate() {
+            p.range(&format!("offset_mm[{axis}]"), *value, -100.0, 100.0, "mm");
         }
     }
 }

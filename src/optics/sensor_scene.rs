@@ -1,6 +1,6 @@
 //! From a sensor's description and the pad's face to a scene.
 
-use super::sensor::{LightShapeSpec, SensorOptics, TextureMode};
+use super::sensor::{LightShapeSpec, SensorOptics};
 use super::surface::DisplacedSurface;
 use super::{
     Albedo, Camera, Error, Light, LightShape, Material, Mesh, Role, Scene, Surface, Texture, camera, from_pad,
@@ -8,21 +8,21 @@ use super::{
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
 
-/// The scene of the sensor with this face. `texture` is the image of the untouched sensor, linear, row 0 on
-/// top; it becomes the albedo in texture mode `lit` and is not used by the scene in the other modes. The face is
-/// taken as it is: see [`face`] for the description's mesh and depth noise.
+/// The scene of the sensor with this face. `albedo` is what is on its coating, linear, row 0 on top: the image of the untouched
+/// sensor in texture mode `lit`, or printed markers; without it the coating has its own everywhere. The face is taken as it
+/// is: see [`face`] for the description's mesh and depth noise.
 ///
 /// # Errors
 /// When the face is no lattice, or a part of the description cannot be rendered.
 pub fn scene(
     sensor: &SensorOptics,
     surface: &DisplacedSurface,
-    texture: Option<&Texture>,
+    albedo: Option<&Arc<Texture>>,
 ) -> Result<Scene, Error> {
     let mesh = surface.mesh(|p| texture_coordinate(sensor, p))?;
-    let albedo = match (sensor.texture, texture) {
-        (TextureMode::Lit, Some(texture)) => Albedo::Texture(Arc::new(texture.clone())),
-        _ => Albedo::grey(sensor.coating.albedo as f32),
+    let albedo = match albedo {
+        Some(texture) => Albedo::Texture(texture.clone()),
+        None => Albedo::grey(sensor.coating.albedo as f32),
     };
     let roughness = sensor.coating.roughness as f32;
     let material = if roughness >= 1.0 {
@@ -151,6 +151,11 @@ fn shape(spec: &LightShapeSpec) -> LightShape {
             to: from_pad(pad(to_mm)),
             radius: *radius_mm as f32,
         },
+        LightShapeSpec::Mesh { vertices_mm, triangles } => LightShape::Mesh(Arc::new(Mesh {
+            positions: vertices_mm.iter().map(|v| from_pad(pad(v))).collect(),
+            triangles: triangles.clone(),
+            ..Mesh::default()
+        })),
     }
 }
 

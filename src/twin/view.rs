@@ -21,6 +21,8 @@ pub struct View {
     pub method: Method,
     /// Where the fast mode keeps what it prepares, if anywhere.
     pub store: Option<Store>,
+    /// The sensor untouched, worn where no other picture of it is given.
+    pub untouched: Option<image::Picture>,
 }
 
 /// The sensor with its pad wearing a picture of itself untouched (or nothing).
@@ -71,12 +73,13 @@ impl Wear {
 }
 
 impl View {
-    /// Gets ready to wear an untouched image.
+    /// Gets ready to wear an untouched image, or the sensor file's where none is given.
     ///
     /// # Errors
     /// When the image has another size than the sensor's camera, or the sensor cannot be rendered.
     pub fn wear(&self, untouched: Option<&image::Picture>, pad: &Pad) -> Result<Wear, Error> {
         let camera = &self.sensor.camera;
+        let untouched = untouched.or(self.untouched.as_ref());
         if let Some(image) = untouched
             && (image.width as usize, image.height as usize) != (camera.width_px, camera.height_px)
         {
@@ -118,8 +121,8 @@ impl View {
         match &seen.notice {
             Some(notice @ Notice::AboveTolerance { .. }) if !wear.told.swap(true, Ordering::Relaxed) => {
                 tracing::warn!(
-                    "capture {capture}: {notice}. Others may be above it, too: the dataset keeps light_error and \
-                     light_meets_tolerance of each"
+                    "capture {capture}: {notice}. Others may be above it, too: light_error and \
+                     light_meets_tolerance are kept of each"
                 );
             }
             Some(notice @ Notice::AboveTolerance { .. }) => tracing::info!("capture {capture}: {notice}"),

@@ -3,7 +3,7 @@
 //! The picture is cut into cells of about a quarter of a millimetre, each with its mean height, normal and irradiance. From
 //! each the pad's profile is followed in a few directions: where it rises above what was seen before, its radiance takes
 //! the place of what the untouched sensor has there, up to the edge itself, which lies between cells. One bounce, from the
-//! light that is there already; what follows is a small part of a small part. (Horizon-based indirect lighting, Bavoil and
+//! light that is there already, and where that changes much once or twice more; what follows is a small part of a small part. (Horizon-based indirect lighting, Bavoil and
 //! Sainz 2008, on a coarse raster.)
 //!
 //! The same horizons tell what each cell sends towards the walls; what they give back is the [`echo`](super::echo).
@@ -18,7 +18,7 @@ use super::probes::{self, NUMBERS};
 use super::skyline;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
-use row::Row;
+use row::{Pass, Row};
 
 /// Directions looked into.
 const DIRECTIONS: usize = echo::AROUND;
@@ -30,6 +30,8 @@ const BEYOND_MM: f32 = 2.0;
 
 /// Cells of the picture along the edge of one that sends towards walls; as many as are worked on at once.
 pub const SENDING: usize = WIDTH;
+/// Light that changes by more, rms, where it bounces, bounces a second time, and a third.
+const STRONG: [f32; 2] = [0.01, 0.02];
 /// An echo below this part of the light is none.
 const SILENT: f32 = 1e-5;
 
@@ -71,6 +73,8 @@ pub struct Cells<'a> {
     pub edge_mm: f32,
     /// Row by row, as sums.
     pub cells: &'a [Cell],
+    /// Which of them stand for an upright flank.
+    pub flanks: &'a [bool],
     /// Sums of the irradiance over the area of the surface, by picture.
     pub lights: &'a [Vec<Vec3>],
     /// Pixels of a full cell.
@@ -85,6 +89,10 @@ pub struct Cells<'a> {
     pub heights: &'a Heights,
     /// What walls do, where they do anything.
     pub echo: Option<&'a Echo>,
+    /// By picture: what groups of walls lose of the light, if anything.
+    pub lost: &'a [Vec<Vec3>],
+    /// Whether strong light bounces again.
+    pub again: bool,
 }
 
 /// The untouched sensor's light, in a picture at a place.
@@ -103,14 +111,18 @@ pub struct Changes {
     pub echoed: f64,
 }
 
-/// Means over cells, by row with room on both sides so that eight neighbours can be looked at from any column.
+/// Means over cells, by row with room on both sides so that eight neighbours can be looked at from any column, and with the
+/// pad's border beside the picture.
 struct Means {
     stride: usize,
+    /// Rows above the picture, and below it.
+    beside: usize,
     /// Minus infinity where nothing is.
     heights: Vec<f32>,
     places: [Vec<f32>; 2],
     normals: [Vec<f32>; 3],
-    /// By picture and colour: irradiance.
+    /// By picture and colour: irradiance before any bounce, and as others see it.
+    own: Vec<[Vec<f32>; 3]>,
     lights: Vec<[Vec<f32>; 3]>,
     /// The same of the untouched face there.
     grounds: Vec<[Vec<f32>; 3]>,
@@ -140,25 +152,28 @@ impl Cells<'_> {
     fn means(&self, untouched: &impl Fn(usize, Vec3) -> Untouched, rest: &impl Fn(Vec3) -> Vec3) -> Means {
         let [nx, ny] = self.size;
         let stride = nx.next_multiple_of(WIDTH) + 2 * MARGIN;
-        let row = |value: f32| vec![value; stride * ny];
+        let beside = ((BEYOND_MM / self.edge_mm).ceil() as usize).min(MARGIN);
+        let row = |value: f32| vec![value; stride * (ny + 2 * beside)];
         let mut means = Means {
             stride,
+            beside,
             heights: row(f32::NEG_INFINITY),
             places: [row(0.0), row(0.0)],
             normals: [row(0.0), row(0.0), row(1.0)],
-            lights: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
+            own: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
+            lights: Vec::new(),
             grounds: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
             areas: [row(0.0), row(0.0)],
             rest_normals: [row(0.0), row(0.0), row(1.0)],
             highest: f32::NEG_INFINITY,
         };
         for (k, cell) in self.cells.iter().enumerate().filter(|(_, c)| c.count > 0.0) {
-            let at = k / nx * stride + MARGIN + k % nx;
+            let at = means.at(k % nx, k / nx);
             let (p, n) = (cell.position / cell.count, cell.normal.normalize_or(Vec3::Z));
             (means.places[0][at], means.places[1][at], means.heights[at]) = p.into();
             (means.normals[0][at], means.normals[1][at], means.normals[2][at]) = n.into();
             means.highest = means.highest.max(p.z);
-            for (out, light) in means.lights.iter_mut().zip(self.lights) {
+            for (out, light) in means.own.iter_mut().zip(self.lights) {
                 let light = light[k] / cell.area;
                 (out[0][at], out[1][at], out[2][at]) = light.into();
             }
@@ -177,7 +192,71 @@ impl Cells<'_> {
             let [x, y, z] = &mut means.rest_normals;
             (x[at], y[at], z[at]) = normal.into();
         }
+        means.lights.clone_from(&means.own);
+        self.continue_beside(&mut means);
         means
+    }
+
+    /// Beside the picture the pad goes on as at its border.
+    fn continue_beside(&self, means: &mut Means) {
+        let [nx, ny] = self.size.map(|n| n as isize);
+        let (beside, [low, high]) = (means.beside as isize, self.extent);
+        for j in -beside..ny + beside {
+            for i in -beside..nx + beside {
+                let (from_i, from_j) = (i.clamp(0, nx - 1), j.clamp(0, ny - 1));
+                if (i, j) == (from_i, from_j) {
+                    continue;
+                }
+                let from = means.at(from_i as usize, from_j as usize);
+                let to = from.wrapping_add_signed((j - from_j) * means.stride as isize + i - from_i);
+                let z = means.heights[from];
+                let edge_mm = self.edge_mm * (self.eye.z - z) / self.eye.z;
+                // In the picture y runs downwards.
+                let aside = Vec2::new((i - from_i) as f32, (from_j - j) as f32) * edge_mm;
+                let place = Vec2::new(means.places[0][from], means.places[1][from]) + aside;
+                if z == f32::NEG_INFINITY || place.cmplt(low).any() || place.cmpgt(high).any() {
+                    continue;
+                }
+                let Means { heights, places, normals, lights, grounds, .. } = means;
+                (places[0][to], places[1][to], heights[to]) = (place.x, place.y, z);
+                let colours = lights.iter_mut().chain(grounds).flatten();
+                colours.chain(normals).for_each(|numbers| numbers[to] = numbers[from]);
+            }
+        }
+    }
+
+    /// What others see of cells, once these see the pad as it is. Of all, or of upright flanks alone: half of what they have is
+    /// from the pad at their foot, and where that is in their shadow next to nothing is left.
+    fn relight(&self, means: &mut Means, gains: &[Vec3], of: impl Fn(usize) -> bool) {
+        let ([nx, _], films) = (self.size, self.lights.len());
+        for k in (0..self.cells.len()).filter(|k| self.cells[*k].count > 0.0 && of(*k)) {
+            let (i, j) = (k % nx, k / nx);
+            let at = means.at(i, j);
+            for (film, (own, seen)) in means.own.iter().zip(&mut means.lights).enumerate() {
+                let gain = gains[(j * films + film) * nx + i];
+                for (c, (own, seen)) in own.iter().zip(seen).enumerate() {
+                    seen[at] = own[at] * gain[c];
+                }
+            }
+        }
+        self.continue_beside(means);
+    }
+
+    /// How strong a bounce is: the rms of what it changes, as part of the mean light.
+    fn strength(&self, means: &Means, gains: &[Vec3]) -> f32 {
+        let ([nx, _], films) = (self.size, self.lights.len());
+        let (mut squares, mut sum, mut count) = (0.0, 0.0, 0.0f32);
+        for k in (0..self.cells.len()).filter(|k| self.cells[*k].count > 0.0) {
+            let (i, j) = (k % nx, k / nx);
+            let at = means.at(i, j);
+            for (film, own) in means.own.iter().enumerate() {
+                let light = Vec3::new(own[0][at], own[1][at], own[2][at]);
+                squares += (light * (gains[(j * films + film) * nx + i] - Vec3::ONE)).length_squared();
+                sum += light.element_sum();
+                count += 3.0;
+            }
+        }
+        (squares * count).sqrt() / sum.max(1e-12)
     }
 
     /// What a press changes. `untouched` gives the light of the untouched sensor in a picture at a place, `rest` the normal of its face.
@@ -188,19 +267,40 @@ impl Cells<'_> {
         rest: impl Fn(Vec3) -> Vec3 + Sync,
     ) -> Changes {
         let ([nx, _], films) = (self.size, self.lights.len());
-        let means = self.means(&untouched, &rest);
+        let mut means = self.means(&untouched, &rest);
         let mut gains = vec![Vec3::ONE; self.cells.len() * films];
+        if self.flanks.contains(&true) {
+            gains.par_chunks_mut(nx * films).enumerate().for_each(|(j, out)| {
+                if self.flanks[j * nx..][..nx].contains(&true) {
+                    let (cells, means, untouched) = (self, &means, &untouched);
+                    with_widest(Row { cells, means, untouched, j, out, pass: Pass::Flanks });
+                }
+            });
+            self.relight(&mut means, &gains, |k| self.flanks[k]);
+        }
         // Rows that send together; by cell, picture and direction.
         let in_row = nx.div_ceil(SENDING) * films * echo::DIRECTIONS;
         let mut sent = vec![Vec3::ZERO; self.size[1].div_ceil(SENDING) * in_row];
-        gains.par_chunks_mut(SENDING * nx * films).zip(sent.par_chunks_mut(in_row)).enumerate().for_each(
-            |(k, (out, sent))| {
-                for (j, out) in out.chunks_mut(nx * films).enumerate() {
-                    let (cells, means, untouched) = (self, &means, &untouched);
-                    with_widest(Row { cells, means, untouched, j: SENDING * k + j, out, sent });
-                }
-            },
-        );
+        let bounce = |means: &Means, gains: &mut Vec<Vec3>, sent: &mut Vec<Vec3>| {
+            gains.fill(Vec3::ONE);
+            sent.fill(Vec3::ZERO);
+            gains.par_chunks_mut(SENDING * nx * films).zip(sent.par_chunks_mut(in_row)).enumerate().for_each(
+                |(k, (out, sent))| {
+                    for (j, out) in out.chunks_mut(nx * films).enumerate() {
+                        let (cells, untouched, pass) = (self, &untouched, Pass::All { sent });
+                        with_widest(Row { cells, means, untouched, j: SENDING * k + j, out, pass });
+                    }
+                },
+            );
+        };
+        bounce(&means, &mut gains, &mut sent);
+        for strong in STRONG {
+            if !self.again || self.strength(&means, &gains) <= strong {
+                break;
+            }
+            self.relight(&mut means, &gains, |_| true);
+            bounce(&means, &mut gains, &mut sent);
+        }
         let of_film =
             |film: usize| gains.chunks_exact(nx).skip(film).step_by(films).flatten().copied().collect();
         let mut gains: Vec<Vec<Vec3>> = (0..films).map(of_film).collect();
@@ -209,7 +309,10 @@ impl Cells<'_> {
             for (film, gains) in gains.iter_mut().enumerate() {
                 let of_film = |of: &[Vec3]| of[film * echo::DIRECTIONS..][..echo::DIRECTIONS].to_vec();
                 let sent: Vec<Vec3> = sent.chunks_exact(films * echo::DIRECTIONS).flat_map(of_film).collect();
-                echoed += self.echo(&means, film, &echo.answer(&sent), gains);
+                echoed += {
+                    let lost = self.lost.get(film).map_or(&[][..], |lost| lost);
+                    self.echo(&means, film, &echo.answer(&sent, lost), gains)
+                };
             }
         }
         Changes { gains, echoed }
@@ -217,8 +320,8 @@ impl Cells<'_> {
 
     /// Adds what walls give back to the gains of a picture; the mean square of what it is.
     fn echo(&self, means: &Means, film: usize, answer: &Grid<NUMBERS>, gains: &mut [Vec3]) -> f64 {
-        let ([nx, _], [x, y, z]) = (self.size, &means.lights[film]);
-        let at = |k: usize| k / nx * means.stride + MARGIN + k % nx;
+        let ([nx, _], [x, y, z]) = (self.size, &means.own[film]);
+        let at = |k: usize| means.at(k % nx, k / nx);
         let seen = || (0..gains.len()).filter(|k| self.cells[*k].count > 0.0);
         let light = |k: usize| Vec3::new(x[at(k)], y[at(k)], z[at(k)]);
         let n = seen().count().max(1) as f32;
@@ -243,6 +346,12 @@ impl Cells<'_> {
 }
 
 impl Means {
+    /// Where the numbers of a cell stand.
+    #[inline(always)]
+    fn at(&self, i: usize, j: usize) -> usize {
+        (j + self.beside) * self.stride + MARGIN + i
+    }
+
     #[inline(always)]
     fn eight(numbers: &[f32], at: usize) -> Eight {
         let numbers = &numbers[at..at + WIDTH];

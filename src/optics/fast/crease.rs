@@ -2,6 +2,7 @@
 //! of samples, each with the triangle on top there; or of what their corners see where those do not all see the pad.
 
 use super::desk::{Desk, Rectangle};
+use super::gains::Split;
 use super::lanes::{Eight, Vectors, WIDTH, lanes};
 use super::raster::corners;
 use super::shade::Own;
@@ -18,6 +19,8 @@ const SAMPLED_ERROR: f64 = 1.0 / (GRID * GRID * GRID) as f64;
 const CORNERED_ERROR: f64 = 0.25;
 /// What of a steep pixel has more than this of its normal upwards is no flank.
 const LEVEL: f32 = 0.5;
+/// What has less is upright in any pixel: a corner of a flank may be all that shows.
+const UPRIGHT: f32 = 0.125;
 /// Pixels that see parts of the pad farther apart, in quads, are the mean of their corners.
 const MOST_QUADS: usize = 24;
 
@@ -254,6 +257,8 @@ impl Desk<'_> {
         // The light on each.
         let mut light = vec![Vec3::ZERO; films];
         let (mut squares, mut whole) = (Vec3::ZERO, 0.0f32);
+        // What of it is an upright flank's, and how high the rest is.
+        let (mut of_flank, mut level) = (vec![Vec3::ZERO; films], [0.0f32; 2]);
         for batch in pieces.chunks(WIDTH) {
             let (mut points, mut normals) = (Vectors::all(Vec3::ZERO), Vectors::all(Vec3::Z));
             let mut albedos = [Vec3::ZERO; WIDTH];
@@ -283,6 +288,10 @@ impl Desk<'_> {
                 let cells = self.cells.len() / 2;
                 // (In the second half are flanks; what is level beside one counts as ground.)
                 let flank = if normals.z.0[lane] < LEVEL { cells } else { 0 };
+                let upright = flank > 0 && (steep || normals.z.0[lane] < UPRIGHT);
+                if !upright {
+                    level = [level[0] + points.z.0[lane] * piece.part, level[1] + piece.part];
+                }
                 let cell = self.cell_of(x, y).filter(|_| steep).map(|k| k + flank);
                 if let Some(cell) = cell.map(|k| &mut self.cells[k]) {
                     cell.position += pick(&points) * piece.part;
@@ -297,6 +306,9 @@ impl Desk<'_> {
                     }
                     let value = albedos[lane] * pick(sum) * FRAC_1_PI;
                     *light += value * piece.part;
+                    if upright {
+                        of_flank[film] += value * piece.part;
+                    }
                     if film == 0 {
                         squares += value * value * piece.part;
                     }
@@ -308,6 +320,11 @@ impl Desk<'_> {
         if whole <= 0.0 {
             self.cornered(x, y, [x0, y0, x1, y1]);
             return;
+        }
+        if of_flank.iter().any(|light| *light != Vec3::ZERO) {
+            let share = once.transmitted(x, y) / whole;
+            let flank = of_flank.into_iter().map(|light| light * share).collect();
+            self.splits.push(Split { pixel: [x, y], level_mm: level[0] / level[1].max(1e-12), flank });
         }
         let variance = squares / whole - (light[0] / whole) * (light[0] / whole);
         *self.spread += SAMPLED_ERROR * f64::from(variance.element_sum().max(0.0));

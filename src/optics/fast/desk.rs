@@ -4,6 +4,7 @@
 use super::bounce::Cell;
 use super::crease::Piece;
 use super::frame::{Frame, NODE_PX, Toward, uv};
+use super::gains::Split;
 use super::horizon::slope_of;
 use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, lanes};
 use super::shade::Block;
@@ -18,7 +19,7 @@ const CREASE: f32 = 0.2;
 /// Where a pixel's corners differ in height by more than this many pixels, they see different things.
 const STEEPEST: f32 = 8.0;
 /// Flanks steeper than this, as the part of the normal towards the eye, count as this steep.
-const LEVEL: f32 = 0.05;
+const LEVEL: f32 = 0.01;
 /// A block within which so much of the light comes and goes is divided, whatever its middle says.
 const JUMP: f32 = 0.5;
 /// Where nothing is seen.
@@ -34,6 +35,7 @@ pub struct Row<'a> {
     pub cells: &'a mut [Cell],
     pub light: &'a mut [Vec3],
     pub spread: &'a mut f64,
+    pub splits: &'a mut Vec<Split>,
 }
 
 /// A rectangle of pixels: x0, y0, x1, y1.
@@ -61,6 +63,7 @@ pub struct Desk<'a> {
     pub cells: &'a mut [Cell],
     pub light: &'a mut [Vec3],
     pub spread: &'a mut f64,
+    pub splits: &'a mut Vec<Split>,
 }
 
 /// Pixels that are shaded at once: rows of a block, one after the other.
@@ -93,7 +96,7 @@ impl Work for Row<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { frame, nodes, row, cell_px, out, cells, light, spread } = self;
+        let Self { frame, nodes, row, cell_px, out, cells, light, spread, splits } = self;
         let camera = &frame.once.view.camera;
         let (width, films) = (camera.width, frame.slots.films);
         let first = row * NODE_PX;
@@ -140,6 +143,7 @@ impl Work for Row<'_> {
             cells,
             light,
             spread,
+            splits,
         };
         let [columns, _] = frame.node_counts();
         let size = frame.slots.stride();

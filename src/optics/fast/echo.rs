@@ -12,7 +12,9 @@ use super::exchange::{Exchange, Sparse};
 use super::grid::{Grid, Layout, Places};
 use super::probes::{self, NUMBERS, TERMS};
 use super::radiosity;
+use super::source::Lamp;
 use super::view::View;
+use super::wall_shadow::Low;
 use super::world::World;
 use crate::optics::sampler::{Sampler, hash};
 use glam::{Vec2, Vec3};
@@ -54,13 +56,16 @@ pub struct Echo {
     pub(super) groups: usize,
     /// One where nothing has a colour, else three.
     pub(super) colours: usize,
+    /// Patches on which a pressed pad may throw its shadow.
+    pub(super) low: Vec<Low>,
 }
 
 impl Echo {
-    /// For cells of `cell_px` pixels of a view. `events` is how often light may be scattered before it reaches the pad.
+    /// For cells of `cell_px` pixels of a view, and lights. `events` is how often light may be scattered before it reaches the pad.
     pub fn new(
         world: &World,
         view: &View,
+        lamps: &[Lamp],
         cell_px: usize,
         layout: &Layout,
         events: u32,
@@ -137,6 +142,13 @@ impl Echo {
         if groups == 0 || groups >= usize::from(NOWHERE) {
             return None;
         }
+        let mut low: Vec<(u32, u16)> = group_of.iter().map(|(element, group)| (*element, *group)).collect();
+        low.sort_unstable();
+        let low = low.into_par_iter().filter_map(|(element, group)| {
+            let (point, _) = world.point(element as usize, [0.3, 0.3]);
+            Low::of(world, lamps, element as usize, group, rest(point.truncate()))
+        });
+        let low = low.collect();
         let group = |element: &u32| group_of.get(element).copied().unwrap_or(NOWHERE);
 
         // How groups pass light on, and what places see of them. Of so many groups a place sees few, and each sends to few.
@@ -187,12 +199,14 @@ impl Echo {
         let exchange = Exchange { onward, albedos, areas };
         let response = exchange.seen(&rows, events - 1);
         let ends = met.iter().map(group).collect();
-        Some(Self { size, ends, places, response, groups, colours: exchange.colours() })
+        Some(Self { size, ends, places, response, groups, colours: exchange.colours(), low })
     }
 
-    /// The irradiance that comes back of what each cell sends in each direction (power, in units of mm^2).
-    pub fn answer(&self, sent: &[Vec3]) -> Grid<NUMBERS> {
+    /// The irradiance that comes back of what each cell sends in each direction (power, in units of mm^2), less what groups lose
+    /// straight from the lights.
+    pub fn answer(&self, sent: &[Vec3], lost: &[Vec3]) -> Grid<NUMBERS> {
         let mut power = vec![Vec3::ZERO; self.groups];
+        power.iter_mut().zip(lost).for_each(|(power, lost)| *power = -*lost);
         for (sent, ends) in sent.iter().zip(self.ends.chunks_exact(RAYS)) {
             for end in ends.iter().filter(|end| **end != NOWHERE) {
                 power[usize::from(*end)] += *sent * (1.0 / RAYS as f32);
@@ -226,6 +240,7 @@ impl Echo {
         self.ends.len() == cells * DIRECTIONS * RAYS
             && (self.colours == 1 || self.colours == 3)
             && self.response.len() == self.places.count() * TERMS * self.colours * self.groups
+            && self.low.iter().all(|low| usize::from(low.group) < self.groups)
             && self.ends.iter().all(|end| *end == NOWHERE || usize::from(*end) < self.groups)
     }
 }

@@ -57,7 +57,7 @@ const WORTHWHILE: f64 = 0.9;
 
 /// Error of a pad of one colour, and of a textured one, under one light, without anything of what follows: of several lights
 /// each errs for itself.
-const BASE_ERROR: [f64; 2] = [0.00385, 0.0048];
+const BASE_ERROR: [f64; 2] = [0.004, 0.0048];
 /// What a plate adds: its light is solved by fewer rays than it takes.
 const PLATE_ERROR: f64 = 0.004;
 /// What a curved face adds: what its press changes in the light of the walls is left out.

@@ -7,12 +7,14 @@
 use super::Precomputed;
 use super::bounce::{self, Cell, Cells, Untouched};
 use super::desk::Row;
+use super::gains::Gains;
 use super::horizon::{Heights, slope_of, squeezed};
 use super::lanes::{Vectors, WIDTH, Work, with_widest};
 use super::raster::{Sample, corners};
 use super::slots::{POSITION, Slots};
 use super::source::{COARSE, KEPT, LINES, Line, with_means};
 use super::vector::{irradiance, quadrilateral};
+use super::wall_shadow;
 use crate::optics::{Albedo, Film, Mesh};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -25,9 +27,6 @@ const BELOW: f32 = 0.05;
 const BENT: f32 = 0.03;
 /// Largest edge of a cell of the bounce, mm.
 const CELL_MM: f32 = 0.26;
-/// Between cells whose heights differ by more, gains are those of cells that are as high as the pixel, within so much, mm.
-const TORN_MM: f32 = 0.3;
-const ALIKE_MM: f32 = 0.1;
 /// 1/sqrt(3).
 const RMS: f32 = 0.577_350_3;
 
@@ -128,25 +127,38 @@ impl Frame<'_> {
         let mut cells = vec![bounce::EMPTY; 2 * size[0] * size[1]];
         let mut light = vec![Vec3::ZERO; size[0] * size[1] * 2 * films];
         let mut spreads = vec![0.0; height.div_ceil(NODE_PX)];
+        let mut splits = vec![Vec::new(); height.div_ceil(NODE_PX)];
         let mut pixels = vec![Vec3::ZERO; width * height * films];
         pixels
             .par_chunks_mut(NODE_PX * width * films)
             .zip(cells.par_chunks_mut(2 * in_row))
             .zip(light.par_chunks_mut(in_row * 2 * films))
-            .zip(&mut spreads)
+            .zip(spreads.par_iter_mut().zip(&mut splits))
             .enumerate()
-            .for_each(|(row, (((out, cells), light), spread))| {
-                with_widest(Row { frame: this, nodes: &nodes, row, cell_px, out, cells, light, spread });
+            .for_each(|(row, (((out, cells), light), (spread, splits)))| {
+                with_widest(Row {
+                    frame: this,
+                    nodes: &nodes,
+                    row,
+                    cell_px,
+                    out,
+                    cells,
+                    light,
+                    spread,
+                    splits,
+                });
             });
         let films = by_film(pixels, NODE_PX * width, films);
         let mut lights = by_film(light, in_row, 2 * films.len());
         let flanks = lights.split_off(films.len());
         let mut whole = Vec::with_capacity(size[0] * size[1]);
+        let mut is_flank = Vec::with_capacity(size[0] * size[1]);
         for (row, both) in cells.chunks(2 * in_row).enumerate() {
             let (ground, flank) = both.split_at(both.len() / 2);
             for (k, (ground, flank)) in ground.iter().zip(flank).enumerate() {
                 let (cell, steep) = Cell::of(ground, flank);
                 whole.push(cell);
+                is_flank.push(steep);
                 if flank.area > 0.0 {
                     let k = row * in_row + k;
                     for (light, of_flank) in lights.iter_mut().zip(&flanks) {
@@ -173,6 +185,7 @@ impl Frame<'_> {
                 size,
                 edge_mm,
                 cells: &cells,
+                flanks: &is_flank,
                 lights: &lights,
                 most_count,
                 albedo,
@@ -180,6 +193,8 @@ impl Frame<'_> {
                 extent,
                 heights: self.heights,
                 echo,
+                lost: &self.lost(lights.len()),
+                again: self.effort.fine,
             };
             let skylines = match lights.len() {
                 1 => std::slice::from_ref(&self.once.skyline),
@@ -195,7 +210,10 @@ impl Frame<'_> {
             let lifts: Vec<f32> = cells.cells.iter().map(|c| c.position.z / c.count.max(1e-6)).collect();
             echoed = changes.echoed;
             for (k, (film, gains)) in all.iter_mut().zip(&changes.gains).enumerate() {
-                bounced = self.apply(film, [k, lights.len()], gains, &lifts, size[0], cell_px);
+                let (lifts, flanks, splits, columns) = (&lifts, &is_flank, &splits, size[0]);
+                let gains = Gains { gains, lifts, flanks, columns, cell_px, splits };
+                let veil = |x: usize, y: usize| self.once.veil(k, lights.len(), x, y);
+                bounced = gains.apply(film, k, |x, y| self.height_mm(x, y), veil);
             }
         }
         let (once, count) = (self.once, all.len());
@@ -217,75 +235,39 @@ impl Frame<'_> {
         }
     }
 
+    /// By picture: what groups of walls lose of the lights to the pad.
+    fn lost(&self, films: usize) -> Vec<Vec<Vec3>> {
+        let Some(echo) = &self.once.tables.echo else { return Vec::new() };
+        let losses = wall_shadow::losses(echo, &self.once.sources, self.heights);
+        if losses.is_empty() {
+            return Vec::new();
+        }
+        if films > 1 {
+            return losses
+                .iter()
+                .map(|of_light| of_light.iter().map(|loss| Vec3::splat(*loss)).collect())
+                .collect();
+        }
+        let mut sum = vec![Vec3::ZERO; echo.groups];
+        for (of_light, radiance) in losses.iter().zip(&self.once.radiances) {
+            sum.iter_mut().zip(of_light).for_each(|(sum, loss)| *sum += *radiance * *loss);
+        }
+        vec![sum]
+    }
+
     /// Pixels along the edge of a cell of the bounce.
     fn cell_px(&self) -> usize {
         cell_px(self.once.pixel_mm)
     }
 
-    /// Multiplies a picture by its gains, bilinear between the middles of cells; the sum of squares of what changes.
-    fn apply(
-        &self,
-        film: &mut Film,
-        [k, films]: [usize; 2],
-        gains: &[Vec3],
-        lifts: &[f32],
-        nx: usize,
-        cell_px: usize,
-    ) -> f64 {
-        let (width, height) = (film.width, self.once.view.camera.origin.z);
-        let ny = gains.len() / nx;
-        let change = |(y, row): (usize, &mut [Vec3])| {
-            let at = ((y as f32 + 0.5) / cell_px as f32 - 0.5).max(0.0);
-            let j = (at as usize).min(ny - 1);
-            let t = at - j as f32;
-            let (above, below) = (&gains[j * nx..][..nx], &gains[(j + 1).min(ny - 1) * nx..][..nx]);
-            let mut sum = 0.0;
-            if above.iter().chain(below).all(|g| *g == Vec3::ONE) {
-                return sum;
-            }
-            let column: Vec<Vec3> = above.iter().zip(below).map(|(a, b)| a.lerp(*b, t)).collect();
-            let (upper, lower) = (&lifts[j * nx..][..nx], &lifts[(j + 1).min(ny - 1) * nx..][..nx]);
-            let around =
-                |i: usize| [upper[i], upper[(i + 1).min(nx - 1)], lower[i], lower[(i + 1).min(nx - 1)]];
-            let torn = |z: [f32; 4]| {
-                let [low, high] = z.iter().fold([z[0]; 2], |[l, h], z| [l.min(*z), h.max(*z)]);
-                high - low > TORN_MM
-            };
-            let torn: Vec<bool> = (0..nx).map(|i| torn(around(i))).collect();
-            for (x, pixel) in row.iter_mut().enumerate() {
-                let at = ((x as f32 + 0.5) / cell_px as f32 - 0.5).max(0.0);
-                let i = (at as usize).min(nx - 1);
-                let mut gain = column[i].lerp(column[(i + 1).min(nx - 1)], at - i as f32);
-                if torn[i] {
-                    // Across a step each side has its own.
-                    let corner = y * (width + 1) + x;
-                    let corners = [corner, corner + 1, corner + width + 1, corner + width + 2];
-                    let seen = corners.iter().map(|k| self.seen[*k].value).filter(|value| *value > 1e-6);
-                    let (sum, n) =
-                        seen.fold((0.0, 0.0f32), |(s, n), value| (s + height - 1.0 / value, n + 1.0));
-                    if n == 0.0 {
-                        continue;
-                    }
-                    let z = sum / n;
-                    let s = at - i as f32;
-                    let parts = [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t];
-                    let four = [above[i], above[(i + 1).min(nx - 1)], below[i], below[(i + 1).min(nx - 1)]];
-                    let (mut sum, mut whole) = (Vec3::ZERO, 1e-12);
-                    for ((part, g), lift) in parts.iter().zip(four).zip(around(i)) {
-                        let weight = part / (1.0 + ((z - lift) / ALIKE_MM).powi(2));
-                        sum += g * weight;
-                        whole += weight;
-                    }
-                    gain = sum / whole;
-                }
-                let veil = self.once.veil(k, films, x, y);
-                let add = (*pixel - veil) * (gain - Vec3::ONE);
-                sum += f64::from(add.length_squared());
-                *pixel += add;
-            }
-            sum
-        };
-        film.pixels.par_chunks_mut(width).enumerate().map(change).sum()
+    /// How high what the corners of a pixel see of the pad is in the mean, mm, over the level of the view.
+    fn height_mm(&self, x: usize, y: usize) -> Option<f32> {
+        let (width, eye_mm) = (self.once.view.camera.width, self.once.view.camera.origin.z);
+        let corner = y * (width + 1) + x;
+        let corners = [corner, corner + 1, corner + width + 1, corner + width + 2];
+        let seen = corners.iter().map(|k| self.seen[*k].value).filter(|value| *value > 1e-6);
+        let (sum, n) = seen.fold((0.0, 0.0f32), |(s, n), value| (s + eye_mm - 1.0 / value, n + 1.0));
+        (n > 0.0).then(|| sum / n)
     }
 
     /// What a light's irradiance counts for: the rms of its colours; alike for all where each has a picture of its own.

@@ -3,12 +3,13 @@
 use super::cover::Covers;
 use super::echo::Echo;
 use super::grid::{Grid, Places};
+use super::wall_shadow::Low;
 use super::{Precomputed, Tables};
 use crate::optics::{Albedo, Material, Mesh, Role, Scene};
 use glam::{Vec2, Vec3};
 
 /// Changes whenever tables of the same scene would be worked out differently, or are written differently.
-const FORMAT: u32 = 8;
+const FORMAT: u32 = 9;
 
 /// The hash of everything that the tables follow from.
 pub fn key(scene: &Scene) -> [u8; 32] {
@@ -94,6 +95,11 @@ pub fn encode(tables: &Tables) -> Vec<u8> {
             &mut out,
             &mut [echo.size[0], echo.size[1], echo.groups, echo.colours].into_iter().map(|n| n as f32),
         );
+        let numbers_of = |low: &Low| {
+            let place = [f32::from(low.group), low.point.x, low.point.y, low.point.z];
+            place.into_iter().chain(low.power.clone())
+        };
+        words(&mut out, &mut echo.low.iter().flat_map(numbers_of));
         words(&mut out, &mut echo.ends.iter().map(|end| f32::from(*end)));
         words(&mut out, &mut numbers.into_iter());
         words(&mut out, &mut nodes.into_iter().map(|n| n as f32));
@@ -123,7 +129,7 @@ pub fn decode(bytes: &[u8]) -> Option<Tables> {
     let cover_lights = (0..lights).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
     let covers = Covers { pixels, parts, lights: cover_lights };
     let veils = (0..veils as usize).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
-    let echo = if reader.bytes.is_empty() { None } else { Some(reader.echo()?) };
+    let echo = if reader.bytes.is_empty() { None } else { Some(reader.echo(lights)?) };
     reader.bytes.is_empty().then_some(Tables {
         direct,
         probes,
@@ -153,12 +159,19 @@ impl Reader<'_> {
         Some(self.words()?.chunks_exact(3).map(Vec3::from_slice).collect())
     }
 
-    fn echo(&mut self) -> Option<Echo> {
+    fn echo(&mut self, lights: usize) -> Option<Echo> {
         let numbers: [f32; 4] = self.words()?.try_into().ok()?;
         let [nx, ny, groups, colours] = numbers.map(|n| n as usize);
+        let low = self.words()?;
+        let low = low.chunks_exact(4 + lights).map(|n| Low {
+            group: n[0] as u16,
+            point: Vec3::from_slice(&n[1..]),
+            power: n[4..].to_vec(),
+        });
+        let low = low.collect();
         let ends = self.words()?.iter().map(|end| *end as u16).collect();
         let (places, response) = (self.places()?, self.words()?);
-        let echo = Echo { size: [nx, ny], ends, places, response, groups, colours };
+        let echo = Echo { size: [nx, ny], ends, places, response, groups, colours, low };
         echo.fits().then_some(echo)
     }
 

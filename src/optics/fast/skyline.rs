@@ -20,8 +20,6 @@ const RAYS: u32 = 16;
 /// Grid of the nodes, mm.
 const STEP_MM: f32 = 2.5;
 const LIFT_MM: [f32; 2] = [0.0, 1.5];
-/// Slopes in the middle of the ranges of elevation.
-const MIDDLES: [f32; RISES] = [0.12, 0.45, 1.05, 2.5];
 
 /// The radiance for each light of radiance 1.
 pub fn gather(
@@ -63,19 +61,25 @@ pub fn gather(
     (0..solved.lights).map(|l| Grid::from_values(places.clone(), of_light(l))).collect()
 }
 
-/// The radiance at eight places in one direction around, under slopes above 0.
+/// What of the walls hides behind what rises, at eight places in one direction around: radiance times weight, where weights grow
+/// with elevation from 0 on the level to `borders` between the ranges. `from` and `to` are weights.
 #[inline(always)]
-pub fn radiance(numbers: &[Eight; NUMBERS], around: usize, slope: Eight) -> Vectors {
-    let (zero, one) = (Eight::all(0.0), Eight::all(1.0));
-    let of = |rise: usize| {
+pub fn hidden(
+    numbers: &[Eight; NUMBERS],
+    around: usize,
+    borders: &[Eight; RISES - 1],
+    [from, to]: [Eight; 2],
+) -> Vectors {
+    let mut sum = Vectors::all(Vec3::ZERO);
+    for rise in 0..RISES {
+        // Weights of normals that lean away may be below 0 on the level.
+        let within = |weight: Eight| {
+            let low = if rise > 0 { weight.max(borders[rise - 1]) } else { weight };
+            if rise + 1 < RISES { low.min(borders[rise]) } else { low }
+        };
         let k = 3 * (around * RISES + rise);
-        Vectors { x: numbers[k], y: numbers[k + 1], z: numbers[k + 2] }
-    };
-    let mut sum = of(0);
-    for rise in 1..RISES {
-        let span = MIDDLES[rise] - MIDDLES[rise - 1];
-        let part = ((slope - Eight::all(MIDDLES[rise - 1])) * Eight::all(1.0 / span)).max(zero).min(one);
-        sum = sum + (of(rise) - of(rise - 1)).scaled(part);
+        let radiance = Vectors { x: numbers[k], y: numbers[k + 1], z: numbers[k + 2] };
+        sum = sum + radiance.scaled(within(to) - within(from));
     }
     sum
 }
@@ -85,11 +89,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn radiance_is_that_of_the_direction_and_between_ranges_linear() {
+    fn what_hides_is_the_radiance_of_its_direction_and_ranges() {
         let numbers: [Eight; NUMBERS] = std::array::from_fn(|k| Eight::all((k / 3) as f32));
-        for (around, slope, truth) in [(0, 0.01, 0.0), (3, 0.45, 13.0), (3, 0.75, 13.5), (15, 9.0, 63.0)] {
-            let found = radiance(&numbers, around, Eight::all(slope));
-            assert!((found.x.0[0] - truth).abs() < 1e-4 && found.x == found.z, "{around} {slope} {found:?}");
+        let borders = [0.1, 0.3, 0.6].map(Eight::all);
+        for (around, from, to, truth) in [
+            (0, 0.0, 0.05, 0.0),
+            (3, 0.1, 0.3, 13.0 * 0.2),
+            (3, 0.2, 0.4, 13.0 * 0.1 + 14.0 * 0.1),
+            (15, 0.7, 0.8, 63.0 * 0.1),
+            (1, -0.1, 0.9, 4.0 * 0.2 + 5.0 * 0.2 + 6.0 * 0.3 + 7.0 * 0.3),
+        ] {
+            let found = hidden(&numbers, around, &borders, [from, to].map(Eight::all));
+            assert!(
+                (found.x.0[0] - truth).abs() < 1e-4 && found.x == found.z,
+                "{around} {from} {to} {found:?}"
+            );
         }
     }
 }

@@ -22,14 +22,27 @@ const NEAREST: f32 = 0.3;
 /// What rises on by this slope above the line of sight has an edge, which is looked for.
 const EDGED: f32 = 0.3;
 
+/// Planes whose normal has less of it upwards are steep; 1 over the square of the sine by which something is clear of one.
+const STEEP: f32 = 0.7;
+const CLEAR: f32 = 100.0;
+
 /// A row of cells.
 pub struct Row<'a, S> {
     pub cells: &'a Cells<'a>,
     pub means: &'a Means,
     pub untouched: &'a S,
     pub j: usize,
+    /// Gains, picture by picture.
     pub out: &'a mut [Vec3],
-    pub sent: &'a mut [Vec3],
+    pub pass: Pass<'a>,
+}
+
+/// Which cells of a row.
+pub enum Pass<'a> {
+    /// Those that are worked on together with an upright flank.
+    Flanks,
+    /// All, and what they send towards walls.
+    All { sent: &'a mut [Vec3] },
 }
 
 impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
@@ -43,13 +56,17 @@ impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
         let mut skies: Vec<[Eight; skyline::NUMBERS]> = Vec::new();
         for i in (0..nx).step_by(WIDTH) {
             let lanes = WIDTH.min(nx - i);
-            let at = self.j * self.means.stride + MARGIN + i;
+            let at = self.means.at(i, self.j);
             let even = EVEN * self.cells.edge_mm;
             let level = |k: usize| {
                 let z = self.means.heights[k];
                 z == f32::NEG_INFINITY
                     || (self.means.normals[2][k] > 1.0 - 1e-5 && self.means.highest - z < even)
             };
+            let flanks = &self.cells.flanks[self.j * nx + i..][..lanes];
+            if matches!(self.pass, Pass::Flanks) && !flanks.contains(&true) {
+                continue;
+            }
             if (at..at + lanes).all(level) {
                 self.send_level(at, i);
                 continue;
@@ -63,7 +80,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
                         continue;
                     }
                     let change = Vec3::new(sum.x.0[k], sum.y.0[k], sum.z.0[k]) * (TAU / DIRECTIONS as f32);
-                    let [x, y, z] = &self.means.lights[film];
+                    let [x, y, z] = &self.means.own[film];
                     let e = Vec3::new(x[at + k], y[at + k], z[at + k]);
                     let most = e * (MOST - 1.0);
                     self.out[film * nx + i + k] =
@@ -99,6 +116,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         // Slopes of the cell's own plane along x and y.
         let flat = Eight::all(1e-3).below(nz);
         let [plane_x, plane_y] = [nx, ny].map(|n| flat.choose((-n).over(nz), zero));
+        let is_steep = nz.below(Eight::all(STEEP)).any();
         let reflected = self.cells.albedo * FRAC_1_PI;
         let farthest = DISTANCES[DISTANCES.len() - 1] * self.cells.edge_mm;
         // By picture: what was seen last, and the untouched ground there.
@@ -114,6 +132,8 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
             let mut before = upright.choose((-along).over(nz), Eight::all(f32::NEG_INFINITY));
             let mut below = upright
                 .choose(weight(before, along, nz), (nz - along * Eight::all(FRAC_PI_2)) * Eight::all(0.5));
+            let borders: [Eight; echo::RISES - 1] =
+                std::array::from_fn(|k| weight(Eight::all(SLOPES[k + 1]), along, nz));
             // Where the step before showed something, what shows next lies between the two; first of all the cell itself.
             let mut shown: Option<(usize, Mask)> = Some((at, zero.below(Eight::all(1.0))));
             let mut turned = zero;
@@ -134,9 +154,14 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                 let (dx, dy) = (Means::eight(&means.places[0], k) - x, Means::eight(&means.places[1], k) - y);
                 let away = (dx * dx + dy * dy).sqrt().max(nearest);
                 // What is looked at lies a little aside of the direction: there the cell's own plane has another slope.
-                let plane =
+                let mut plane =
                     plane_x * (Eight::all(ahead.x) * away - dx) + plane_y * (Eight::all(ahead.y) * away - dy);
                 let dz = (Means::eight(&means.heights, k) - z).max(Eight::all(NOWHERE));
+                if is_steep {
+                    // What stands clear of a steep plane is where it is.
+                    let (clear, far) = (nx * dx + ny * dy + nz * dz, away * away + dz * dz);
+                    plane = plane * far.over(far + clear * clear * Eight::all(CLEAR));
+                }
                 let rise = (dz + plane).over(away);
                 let risen = (before + even).below(rise);
                 if !risen.any() {
@@ -144,11 +169,11 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                     continue;
                 }
                 let now = weight(rise, along, nz);
-                let [of_sky, of_ground] = shares([before, below], [rise, now], risen);
+                let (hidden, of_ground) = shares([before, below], [rise, now], risen);
+                let of_sky = hidden[1] - hidden[0];
                 if skies.is_empty() {
                     self.gather(at, lanes, skies);
                 }
-                let middle = (before.max(zero) + rise) * Eight::all(0.5);
                 // How much is seen of a step on what is there, and on what was there before: by how much its slope is above
                 // the line of sight.
                 let normal = |c: usize| Means::eight(&means.normals[c], k);
@@ -166,7 +191,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                     k.checked_add_signed(-back).filter(|s| s + WIDTH <= means.heights.len()).unwrap_or(k);
                 let toward = toward.max(least);
                 for (film, sum) in sums.iter_mut().enumerate() {
-                    let environment = skyline::radiance(&skies[film], direction, middle);
+                    let walls = skyline::hidden(&skies[film], direction, &borders, hidden);
                     let scaled = |light: Vectors| Vectors {
                         x: light.x * Eight::all(reflected.x),
                         y: light.y * Eight::all(reflected.y),
@@ -177,16 +202,18 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                         // The top of a step is not seen, but what rises to it.
                         light = hides.pick(Means::light(&means.lights[film], step), light);
                     }
+                    let mut ground = Means::light(&means.grounds[film], k);
                     if let Some((nearer, of)) = shown {
-                        let (near, far) = (&means.lights[film], Means::light(&means.lights[film], k));
-                        let sum = Means::light(near, nearer).scaled(turned) + far.scaled(toward);
-                        light = of.pick(sum.scaled(Eight::all(1.0).over(turned + toward)), light);
+                        let whole = Eight::all(1.0).over(turned + toward);
+                        let between = |of: &[Vec<f32>; 3]| {
+                            let (near, far) = (Means::light(of, nearer), Means::light(of, k));
+                            (near.scaled(turned) + far.scaled(toward)).scaled(whole)
+                        };
+                        light = of.pick(between(&means.lights[film]), light);
+                        ground = of.pick(between(&means.grounds[film]), ground);
                     }
-                    let radiance = scaled(light);
-                    let ground = scaled(Means::light(&means.grounds[film], k));
-                    *sum = *sum
-                        + (radiance - environment).scaled(of_sky)
-                        + (radiance - ground).scaled(of_ground);
+                    let (radiance, ground) = (scaled(light), scaled(ground));
+                    *sum = *sum + (radiance.scaled(of_sky) - walls) + (radiance - ground).scaled(of_ground);
                     tops[film] = [risen.pick(radiance, tops[film][0]), risen.pick(ground, tops[film][1])];
                 }
                 (shown, turned) = (Some((k, risen)), toward);
@@ -204,13 +231,12 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                         self.cells.heights.horizon(p, ahead, farthest, before.0[lane], f32::INFINITY);
                 }
                 let now = weight(top, along, nz);
-                let [of_sky, of_ground] = shares([before, below], [top, now], rose);
-                let middle = (before.max(zero) + top) * Eight::all(0.5);
+                let (hidden, of_ground) = shares([before, below], [top, now], rose);
                 for (film, sum) in sums.iter_mut().enumerate() {
-                    let environment = skyline::radiance(&skies[film], direction, middle);
+                    let walls = skyline::hidden(&skies[film], direction, &borders, hidden);
                     let [radiance, ground] = tops[film];
                     *sum = *sum
-                        + (radiance - environment).scaled(of_sky)
+                        + (radiance.scaled(hidden[1] - hidden[0]) - walls)
                         + (radiance - ground).scaled(of_ground);
                 }
                 (before, below) = (top, now);
@@ -220,26 +246,27 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         horizons
     }
 
-    /// By how much the index of a cell of this row differs from that of another, unless that is beyond the picture.
+    /// By how much the index of a cell of this row differs from that of another, unless that is far beside the picture.
     #[inline(always)]
     fn neighbour(&self, (aside, down): (isize, isize)) -> Option<isize> {
-        let row = self.j.checked_add_signed(down).filter(|row| *row < self.cells.size[1]);
+        let rows = self.cells.size[1] + 2 * self.means.beside;
+        let row = (self.j + self.means.beside).checked_add_signed(down).filter(|row| *row < rows);
         row.map(|_| aside.clamp(-(MARGIN as isize), MARGIN as isize) + down * self.means.stride as isize)
     }
 
     /// Eight level cells in the open: more or less light than before goes everywhere as from an even face.
     #[inline(always)]
     fn send_level(&mut self, at: usize, i: usize) {
-        let (means, films) = (self.means, self.means.lights.len());
+        let (means, films) = (self.means, self.means.own.len());
+        let Pass::All { sent } = &mut self.pass else { return };
         if self.cells.echo.is_none() {
             return;
         }
         let [area, rest_area] = [0, 1].map(|k| Means::eight(&means.areas[k], at));
         for film in 0..films {
-            let (now, before) =
-                (Means::light(&means.lights[film], at), Means::light(&means.grounds[film], at));
+            let (now, before) = (Means::light(&means.own[film], at), Means::light(&means.grounds[film], at));
             let more = (now.scaled(area) - before.scaled(rest_area)).sums() * self.cells.albedo;
-            let to = &mut self.sent[(i / SENDING * films + film) * echo::DIRECTIONS..][..echo::DIRECTIONS];
+            let to = &mut sent[(i / SENDING * films + film) * echo::DIRECTIONS..][..echo::DIRECTIONS];
             for (k, to) in to.iter_mut().enumerate() {
                 *to += more * echo::level_part(k % RISES);
             }
@@ -249,8 +276,8 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
     /// What eight cells send into each direction above their horizons, less what the untouched face sent.
     #[inline(always)]
     fn send(&mut self, at: usize, i: usize, lanes: usize, horizons: &Horizons) {
-        let (means, films, nx) = (self.means, self.means.lights.len(), self.cells.size[0]);
-        if self.cells.echo.is_none() {
+        let (means, films, nx) = (self.means, self.means.own.len(), self.cells.size[0]);
+        if self.cells.echo.is_none() || matches!(self.pass, Pass::Flanks) {
             return;
         }
         let (zero, steepest) = (Eight::all(0.0), Eight::all(1e4));
@@ -282,14 +309,15 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
             }
         }
         for film in 0..films {
-            let mut now = Means::light(&means.lights[film], at);
+            let mut now = Means::light(&means.own[film], at);
             for k in 0..lanes {
                 let gain = self.out[film * nx + i + k];
                 (now.x.0[k], now.y.0[k], now.z.0[k]) =
                     (now.x.0[k] * gain.x, now.y.0[k] * gain.y, now.z.0[k] * gain.z);
             }
             let before = Means::light(&means.grounds[film], at);
-            let to = &mut self.sent[(i / SENDING * films + film) * echo::DIRECTIONS..][..echo::DIRECTIONS];
+            let Pass::All { sent } = &mut self.pass else { return };
+            let to = &mut sent[(i / SENDING * films + film) * echo::DIRECTIONS..][..echo::DIRECTIONS];
             for (to, [part, rest]) in to.iter_mut().zip(&parts) {
                 *to += (now.scaled(*part) - before.scaled(*rest)).sums() * self.cells.albedo;
             }
@@ -336,14 +364,16 @@ fn ahead(direction: usize) -> Vec2 {
     Vec2::from_angle((direction as f32 + 0.5) * (TAU / DIRECTIONS as f32))
 }
 
-/// What rises from one slope and its weight to another hides of what is above the level, and of what is below.
+/// What rises from one slope and its weight to another hides of what is above the level, from one weight to another, and how
+/// much of what is below.
 #[inline(always)]
-fn shares([before, below]: [Eight; 2], [rise, now]: [Eight; 2], risen: Mask) -> [Eight; 2] {
+fn shares([before, below]: [Eight; 2], [rise, now]: [Eight; 2], risen: Mask) -> ([Eight; 2], Eight) {
     let zero = Eight::all(0.0);
     let positive = zero.below(rise);
-    let of_sky = positive.choose(now - zero.below(before).choose(below, zero), zero);
+    let from = zero.below(before).choose(below, zero);
+    let to = risen.choose(positive.choose(now, from), from);
     let of_ground = before.below(zero).choose(positive.choose(zero, now) - below, zero);
-    [risen.choose(of_sky, zero), risen.choose(of_ground, zero)]
+    ([from, to], risen.choose(of_ground, zero))
 }
 
 /// Integral of cos(tilt) cos(elevation) up to elevations of these slopes, for normals with the part `along` ahead and

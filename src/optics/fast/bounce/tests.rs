@@ -10,7 +10,23 @@ fn white<'a>(
     extent: [Vec2; 2],
 ) -> Cells<'a> {
     let (eye, albedo) = (Vec3::new(0.0, 0.0, 20.0), Vec3::ONE);
-    Cells { size, edge_mm, cells, lights, most_count: 1.0, albedo, eye, extent, heights, echo: None }
+    // (None is corrected as a flank: the light that the tests give is what others see.)
+    let flanks = &[false; 1 << 13][..cells.len()];
+    Cells {
+        size,
+        edge_mm,
+        cells,
+        flanks,
+        lights,
+        most_count: 1.0,
+        albedo,
+        eye,
+        extent,
+        heights,
+        echo: None,
+        lost: &[],
+        again: false,
+    }
 }
 
 /// A pad of these heights.
