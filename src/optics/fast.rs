@@ -187,8 +187,7 @@ impl Precomputed {
         let corners = looks.corners();
         let covers = Covers::new(&looks, &corners, view.corners(), lamps.len());
         let (fixed, fixed_lights) = fixed::by_light(&corners, lamps.len());
-        let cell_px = bounce::SENDING * frame::cell_px(pixel_mm(&view));
-        let echo = Echo::new(&world, &view, &lamps, cell_px, &probe_layout, events, rest, buried);
+        let echo = Echo::new(&world, &view, &lamps, &probe_layout, events, rest, buried);
         let tables = Tables {
             echo,
             direct: tables::direct(&sources, slab.as_ref(), &direct_layout, rest),
@@ -220,7 +219,7 @@ impl Precomputed {
             && tables.covers.fit(pixels)
             && tables.veils.iter().all(|v| v.len() == pixels)
             && (tables.veils.is_empty() == view.slab.is_none())
-            && tables.echo.as_ref().is_none_or(|echo| echo.size == cells_of(&view));
+            && tables.echo.as_ref().is_none_or(|echo| echo.size == sending_cells(&view).1);
         Ok(fits.then(|| Self::assemble(untouched, view, sources, tables)))
     }
 
@@ -316,10 +315,10 @@ impl Precomputed {
     }
 }
 
-/// Cells that send towards walls, along x and y of a view.
-fn cells_of(view: &View) -> [usize; 2] {
+/// Cells that send towards walls: how many pixels along an edge, and how many along x and y of a view.
+fn sending_cells(view: &View) -> (usize, [usize; 2]) {
     let edge = bounce::SENDING * frame::cell_px(pixel_mm(view));
-    [view.camera.width.div_ceil(edge), view.camera.height.div_ceil(edge)]
+    (edge, [view.camera.width.div_ceil(edge), view.camera.height.div_ceil(edge)])
 }
 
 /// Extent of a pixel on the untouched face, mm.

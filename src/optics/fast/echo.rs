@@ -61,19 +61,17 @@ pub struct Echo {
 }
 
 impl Echo {
-    /// For cells of `cell_px` pixels of a view, and lights. `events` is how often light may be scattered before it reaches the pad.
+    /// For cells of a view, and lights. `events` is how often light may be scattered before it reaches the pad.
     pub fn new(
         world: &World,
         view: &View,
         lamps: &[Lamp],
-        cell_px: usize,
         layout: &Layout,
         events: u32,
         rest: impl Fn(Vec2) -> f32 + Sync,
         buried: impl Fn(Vec3) -> bool + Sync,
     ) -> Option<Self> {
-        let camera = &view.camera;
-        let size = [camera.width.div_ceil(cell_px), camera.height.div_ceil(cell_px)];
+        let (cell_px, size) = super::sending_cells(view);
         let above = 1e-3 + 2.0 * world.offset;
 
         let coarse = Layout { step_mm: STEP_MM, lift_mm: LIFT_MM, lift_step_mm: LIFT_MM[1], ..*layout };
