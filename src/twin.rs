@@ -8,9 +8,11 @@
 
 pub mod branches;
 pub mod contact_mask;
+pub mod doubt;
 pub mod simulate;
 pub mod view;
 
+pub use doubt::Doubts;
 pub use simulate::{Deformed, Model, Outcome, Walk};
 pub use view::{Picture, View, Wear};
 
@@ -53,6 +55,8 @@ pub struct Twin {
     pub seed: u64,
     /// The cores it works on.
     pub pool: rayon::ThreadPool,
+    /// What was said of answers that are in doubt.
+    pub doubts: Doubts,
 }
 
 impl Twin {
@@ -69,6 +73,11 @@ impl Twin {
         capture: u32,
     ) -> Result<Picture, optics::Error> {
         self.view.picture(pad, wear, capture)
+    }
+
+    /// Warns, once, of an answer of the elastomer that is in doubt.
+    pub fn tell_doubts(&self, deformed: &Deformed) {
+        self.doubts.tell(&deformed.captures, &deformed.pad.stats, &self.model.settings);
     }
 
     /// Lattice on which the pad's face is sampled for pictures.

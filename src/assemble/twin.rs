@@ -2,7 +2,7 @@
 
 use crate::config::{OpticsMode, Setup, TwinPoses};
 use crate::optics::{imager::Method, reference};
-use crate::twin::{FollowedPoses, Model, Twin, View};
+use crate::twin::{Doubts, FollowedPoses, Model, Twin, View};
 use std::collections::BTreeMap;
 
 /// Why there can be no twin.
@@ -41,6 +41,7 @@ pub fn twin(setup: &Setup) -> Result<Twin, TwinError> {
         },
         seed: u64::from(optics.seed),
         pool: pool(rig.twin.threads)?,
+        doubts: Doubts::default(),
     })
 }
 

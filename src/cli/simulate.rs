@@ -147,6 +147,7 @@ impl Args {
                     failure.is_none()
                 }
                 Outcome::Deformed(deformed) => {
+                    twin.tell_doubts(&deformed);
                     let mut store = || -> Result<(), SimulateError> {
                         let picture = match &wear {
                             Some(wear) => Some(twin.picture(&deformed.pad, wear, deformed.captures[0])?),

@@ -115,6 +115,7 @@ impl Simulation {
                 true
             }
             Outcome::Deformed(deformed) => {
+                self.twin.tell_doubts(&deformed);
                 let stored = self
                     .twin
                     .picture(&deformed.pad, wear, deformed.captures[0])
