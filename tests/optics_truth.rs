@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec2, Vec3};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use twinrig::optics::bsdf::Bsdf;
 use twinrig::optics::reference::{Renderer, Settings};
 use twinrig::optics::{
@@ -19,8 +20,9 @@ fn surface(name: &str, mesh: Mesh, material: Material) -> Surface {
 }
 
 fn light(shape: LightShape, radiance: Vec3, albedo: f32) -> Light {
+    static COUNT: AtomicUsize = AtomicUsize::new(0);
     Light {
-        name: "light".to_owned(),
+        name: format!("light {}", COUNT.fetch_add(1, Ordering::Relaxed)),
         shape,
         radiance,
         two_sided: false,
