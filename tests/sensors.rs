@@ -87,5 +87,5 @@ fn a_light_of_triangles_shines_as_the_rectangle_that_they_make() {
         toml::from_str::<SensorFile>(&text.replace(rectangle, &mesh.replace("[0, 2, 3]", "[0, 2, 4]")));
     let mut problems = Problems::new();
     beyond.unwrap().optics.check(&mut problems);
-    assert_eq!(problems.into_vec()[0].key, "lights.[0].shape.triangles");
+    assert_eq!(problems.into_vec()[0].key, "lights[0].shape.triangles");
 }
