@@ -64,7 +64,7 @@ use suited::{
 use view::View;
 use world::World;
 
-/// Grid of the direct tables: across and upwards, mm.
+/// Grid of the direct tables: across and upwards, mm. Like the probes' it is finer over small pads.
 const DIRECT_STEP_MM: f32 = 0.5;
 /// Heights above the untouched face that are tabulated, mm.
 const DIRECT_LIFT_MM: [f32; 2] = [-0.75, 3.0];
@@ -158,20 +158,25 @@ impl Precomputed {
             .positions
             .iter()
             .fold([inf, -inf], |[l, h], p| [l.min(p.truncate()), h.max(p.truncate())]);
-        let across = [low + RIM_MM, high - RIM_MM];
+        let fineness = world::fineness(untouched);
+        let across = [low + fineness * RIM_MM, high - fineness * RIM_MM];
         let size = high - low;
         if !(size.min_element() >= PAD_MM[0] && size.max_element() <= PAD_MM[1]) {
             let value = format!("{} x {} mm", size.x, size.y);
             return Err(unsupported("pad", &value, "pads of 4 to 200 mm, for which its steps are chosen"));
         }
         lit_from_within(untouched, [low, high], rest)?;
-        let direct_layout =
-            Layout { across, step_mm: DIRECT_STEP_MM, lift_mm: DIRECT_LIFT_MM, lift_step_mm: DIRECT_STEP_MM };
+        let direct_layout = Layout {
+            across,
+            step_mm: fineness * DIRECT_STEP_MM,
+            lift_mm: DIRECT_LIFT_MM,
+            lift_step_mm: fineness * DIRECT_STEP_MM,
+        };
         let probe_layout = Layout {
             across,
-            step_mm: PROBE_STEP_MM,
+            step_mm: fineness * PROBE_STEP_MM,
             lift_mm: PROBE_LIFT_MM,
-            lift_step_mm: PROBE_LIFT_STEP_MM,
+            lift_step_mm: fineness * PROBE_LIFT_STEP_MM,
         };
         // What arrives at the pad indirectly was scattered at least once, and at the pad once more.
         // (Through a plate about every second event is one of its faces.)

@@ -13,6 +13,8 @@ use glam::Vec3;
 
 /// Edge of a patch, mm.
 const PATCH_MM: f32 = 1.1;
+/// Shorter side of a pad for which lengths in mm are meant, mm.
+const USUAL_MM: f32 = 14.3;
 /// Most patches along an edge of one triangle.
 const MOST_CUTS: u32 = 24;
 
@@ -54,6 +56,8 @@ pub struct World {
     pub offset: f32,
     /// How many patches there are; each has two sides.
     pub patches: usize,
+    /// Their edge, mm.
+    patch_mm: f32,
 }
 
 /// What a ray met.
@@ -75,6 +79,22 @@ pub struct Met {
     eta: Option<f32>,
 }
 
+/// By how much finer than usual a sensor is looked at: walls stand as much nearer to each other as a pad is smaller.
+pub fn fineness(scene: &Scene) -> f32 {
+    let sides = scene.surfaces.iter().filter(|s| s.role == Role::Pad).filter_map(|s| {
+        let [x, y] = extent(&s.mesh, s.mesh.lattice?);
+        Some(x.min(y) / USUAL_MM)
+    });
+    sides.fold(1.0, f32::min)
+}
+
+/// Lengths of a lattice's sides, mm.
+fn extent(mesh: &Mesh, [nx, ny]: [usize; 2]) -> [f32; 2] {
+    let p = &mesh.positions;
+    let along = |a: usize, b: usize| (p[b] - p[a]).length();
+    [along(0, nx - 1), along(0, (ny - 1) * nx)]
+}
+
 impl World {
     /// The scene, with or without its pad.
     pub fn new(scene: &Scene, with_pad: bool) -> Result<Self, Error> {
@@ -85,6 +105,7 @@ impl World {
             parts: Vec::new(),
             offset: 0.0,
             patches: 0,
+            patch_mm: PATCH_MM * fineness(scene),
         };
         for surface in &scene.surfaces {
             if surface.role == Role::Pad && !with_pad {
@@ -120,18 +141,17 @@ impl World {
         // Edge of a square of twice the area: slender triangles need few patches.
         let edge_of = |[a, b, c]: [Vec3; 3]| (b - a).cross(c - a).length().sqrt();
         let (cut, patches) = match mesh.lattice {
-            Some([nx, ny]) if nx >= 2 && ny >= 2 => {
-                let p = &mesh.positions;
-                let along = |a: usize, b: usize| (p[b] - p[a]).length();
+            Some([nx, ny]) if nx >= 2 && ny >= 2 && self.has_fine_quads(mesh, [nx, ny]) => {
+                let [x, y] = extent(mesh, [nx, ny]);
                 let (quads_x, quads_y) = (nx as u32 - 1, ny as u32 - 1);
-                let blocks = |length: f32, quads: u32| ((length / PATCH_MM).ceil() as u32).clamp(1, quads);
-                let columns = blocks(along(0, nx - 1), quads_x);
-                let rows = blocks(along(0, (ny - 1) * nx), quads_y);
+                let blocks =
+                    |length: f32, quads: u32| ((length / self.patch_mm).ceil() as u32).clamp(1, quads);
+                let (columns, rows) = (blocks(x, quads_x), blocks(y, quads_y));
                 (Cut::Blocks { quads_x, quads_y, columns, rows }, columns * rows)
             }
             _ => {
                 let edge = (0..mesh.triangles.len()).map(|k| edge_of(mesh.corners(k))).fold(0.0, f32::max);
-                let n = ((edge / PATCH_MM).ceil() as u32).clamp(1, MOST_CUTS);
+                let n = ((edge / self.patch_mm).ceil() as u32).clamp(1, MOST_CUTS);
                 (Cut::Triangles { n }, n * n * mesh.triangles.len() as u32)
             }
         };
@@ -146,6 +166,12 @@ impl World {
         });
         self.corners.extend((0..mesh.triangles.len()).map(|k| mesh.corners(k)));
         self.patches += patches as usize;
+    }
+
+    /// Whether the quads of a lattice are no larger than patches: blocks of them can be patches.
+    fn has_fine_quads(&self, mesh: &Mesh, [nx, ny]: [usize; 2]) -> bool {
+        let [x, y] = extent(mesh, [nx, ny]);
+        x <= self.patch_mm * (nx - 1) as f32 && y <= self.patch_mm * (ny - 1) as f32
     }
 
     /// The first surface along a ray.
@@ -299,8 +325,32 @@ impl Cut {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::scene;
     use super::*;
+    use crate::optics::bench_scene::Variant;
     use crate::optics::sampler::Sampler;
+    use std::sync::Arc;
+
+    #[test]
+    fn neither_a_coarse_lattice_nor_a_small_sensor_has_fewer_patches() {
+        let usual = scene(Variant::Ac, |_, _| 0.0);
+        let patches = |scene: &Scene| World::new(scene, true).unwrap().patches as f32;
+        let mut corners = usual.clone();
+        let pad = &mut corners.surfaces[0].mesh;
+        let [nx, ny] = pad.lattice.unwrap();
+        let four = [0, nx - 1, nx * (ny - 1), nx * ny - 1].map(|k| pad.positions[k]).to_vec();
+        *pad = Arc::new(Mesh::from_lattice(2, 2, four, Vec::new()));
+        assert!(patches(&corners) >= patches(&usual));
+        let mut small = usual.clone();
+        for surface in &mut small.surfaces {
+            Arc::make_mut(&mut surface.mesh).positions.iter_mut().for_each(|p| *p *= 0.25);
+        }
+        small.lights.clear();
+        let mut unlit = usual.clone();
+        unlit.lights.clear();
+        let times = patches(&small) / patches(&unlit);
+        assert!((0.85..1.3).contains(&times), "{times} times as many patches");
+    }
 
     #[test]
     fn a_point_of_a_patch_lies_in_that_patch() {
