@@ -219,13 +219,15 @@ pub enum Error {
         depth_mm: f64,
     },
     /// A setting makes no sense together with the others.
-    #[error("elastomer.{key} = {value}: {why}")]
+    #[error("{key} = {value}; allowed: {allowed}; {next}")]
     Setting {
-        /// Key below `[elastomer]` or `[pad]`.
+        /// Dotted key: of a rig file below `elastomer`, of a sensor file below `pad`.
         key: &'static str,
         /// The offending value.
         value: String,
-        /// The allowed range and the next move.
-        why: String,
+        /// What would be accepted.
+        allowed: String,
+        /// What to do about it.
+        next: String,
     },
 }

@@ -44,34 +44,20 @@ pub(super) fn on_picture(
     }
 }
 
-/// What the twin's solver will refuse is refused before anything moves.
+/// What the twin's solver will refuse is refused before anything moves: at the rig's key, or at that of the sensor's pad.
 pub(super) fn on_elastomer(
-    document: &Document,
-    rig: &RigReading,
-    sensor: &SensorReading,
+    (document, rig): (&Document, &RigReading),
+    (sensor_document, sensor): (&Document, &SensorReading),
     findings: &mut Vec<Finding>,
 ) {
     if !rig.holds("elastomer") || !sensor.holds("pad") {
         return;
     }
-    if let Err(elastomer::Error::Setting { key, value, why }) =
+    if let Err(elastomer::Error::Setting { key, value, allowed, next }) =
         elastomer::check(&sensor.value.pad, &rig.value.elastomer)
     {
-        findings.push(match key {
-            // The pad is the sensor's, not the rig's.
-            "shape" => document.complain(
-                "sensor",
-                format!("\"{}\", whose pad is {value}", sensor.checked.name),
-                why,
-                "choose a sensor with a flat pad",
-            ),
-            _ => document.complain(
-                &format!("elastomer.{key}"),
-                value,
-                why,
-                "change it in the rig file, or by --set",
-            ),
-        });
+        let file = if key.starts_with("pad.") { sensor_document } else { document };
+        findings.push(file.complain(key, value, allowed, next));
     }
 }
 

@@ -137,17 +137,20 @@ impl Loader {
             (Some(document), Some(rig)) => self.protocols(document, rig, &lookup),
             _ => BTreeMap::new(),
         };
-        let sensor_read = self.sensor(rig_document.as_ref(), plan_document.as_ref(), &lookup, &sensor_sets);
+        let sensor_file = self.sensor(rig_document.as_ref(), plan_document.as_ref(), &lookup, &sensor_sets);
         let indenters = match (&plan_document, &plan_read) {
             (Some(document), Some(plan)) => self.indenters(document, plan, &lookup),
             _ => BTreeMap::new(),
         };
 
         // All of them together, as far as each holds.
-        if let (Some(document), Some(rig), Some(sensor)) = (&rig_document, &rig_read, &sensor_read) {
+        if let (Some(document), Some(rig), Some((sensor_document, sensor))) =
+            (&rig_document, &rig_read, &sensor_file)
+        {
             agree::on_picture(document, rig, sensor, &mut self.findings);
-            agree::on_elastomer(document, rig, sensor, &mut self.findings);
+            agree::on_elastomer((document, rig), (sensor_document, sensor), &mut self.findings);
         }
+        let sensor_read = sensor_file.map(|(_, sensor)| sensor);
         let plan_on_rig = match (&plan_document, &plan_read, &rig_read) {
             (Some(document), Some(plan), Some(rig)) => {
                 agree::on_path(document, plan, rig, sensor_read.as_ref(), &indenters, &mut self.findings)
@@ -330,7 +333,7 @@ impl Loader {
         plan: Option<&Document>,
         lookup: &Lookup,
         sets: &[Setting],
-    ) -> Option<SensorReading> {
+    ) -> Option<(Document, SensorReading)> {
         // Asked of the trees, so that a mistake elsewhere in those files does not hide one here.
         let named = |document: Option<&Document>| {
             let document = document?;
@@ -372,7 +375,9 @@ impl Loader {
         for setting in sets {
             document.set(&setting.text, &setting.within_domain(), setting.value.clone(), &mut self.findings);
         }
-        document.read(|file: &SensorFile, p| file.check(&stem, folder.as_deref(), p), &mut self.findings)
+        let sensor = document
+            .read(|file: &SensorFile, p| file.check(&stem, folder.as_deref(), p), &mut self.findings)?;
+        Some((document, sensor))
     }
 
     fn indenters(

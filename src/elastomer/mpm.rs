@@ -138,10 +138,8 @@ impl ExplicitSolver {
             Error::Setting {
                 key: "indenter",
                 value: indenter.name().to_owned(),
-                why: format!(
-                    "no part of its surface lies within {} mm above its tip; place the tip at the origin of the indenter's frame",
-                    scheme.size_mm[2]
-                ),
+                allowed: format!("a surface within {} mm above the tip", scheme.size_mm[2]),
+                next: "place the tip at the origin of the indenter's frame".to_owned(),
             }
         })?;
         let clear = REACH_CELLS * scheme.dx_mm;
@@ -310,9 +308,10 @@ impl Elastomer for ExplicitSolver {
         let steps = (way / (self.settings.speed_mm_s * self.body.scheme.dt_s)).ceil();
         if !steps.is_finite() || steps > 1e9 {
             return Err(Error::Setting {
-                key: "speed_mm_s",
+                key: "elastomer.speed_mm_s",
                 value: self.settings.speed_mm_s.to_string(),
-                why: format!("a way of {way} mm would take over 1e9 steps; choose a higher speed"),
+                allowed: format!("at most 1e9 steps for a way of {way} mm"),
+                next: "choose a higher speed".to_owned(),
             });
         }
         let steps = steps as u64;
@@ -330,9 +329,10 @@ impl Elastomer for ExplicitSolver {
     fn capture(&mut self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
         if nx < 2 || ny < 2 {
             return Err(Error::Setting {
-                key: "surface",
+                key: "elastomer.surface",
                 value: format!("[{nx}, {ny}]"),
-                why: "a surface needs at least 2 points along each direction".to_owned(),
+                allowed: "at least 2 points along each direction".to_owned(),
+                next: "ask for more".to_owned(),
             });
         }
         let surface = surface::sample(&self.body, nx, ny);

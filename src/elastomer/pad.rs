@@ -27,6 +27,16 @@ pub enum PadShape {
 }
 
 impl PadShape {
+    /// Its `kind`, as sensor files write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            PadShape::Cuboid => "cuboid",
+            PadShape::Rounded { .. } => "rounded",
+            PadShape::Dome { .. } => "dome",
+            PadShape::Cylinder { .. } => "cylinder",
+        }
+    }
+
     /// Height of the untouched face of a pad of this extent, mm: 0 at its apex, below it towards the backing.
     pub fn face_height_mm(self, size_mm: [f64; 2], [x, y]: [f64; 2]) -> f64 {
         let cap = |radius: f64, r2: f64| (radius * radius - r2).max(0.0).sqrt() - radius;

@@ -187,6 +187,9 @@ impl QuasiStaticSolver {
         let usual = if self.unrefined.is_some() { &REFINED } else { &FINEST };
         let mut ended = self.go(pose, usual);
         self.refine(&mut ended, pose)?;
+        if let (Err(Error::NotConverged { advice, .. }), Some(doubt)) = (&mut ended, self.pad.doubt()) {
+            *advice = format!("{doubt}; or, {advice}");
+        }
         ended?;
         let stated = self.stated_error();
         if self.wanted.is_some() && stated > UNRESOLVED {

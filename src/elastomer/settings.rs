@@ -1,6 +1,6 @@
 //! What can be set about an elastomer simulation: the `[elastomer]` table of a rig file.
 
-use super::Law;
+use super::{Law, Pad};
 use serde::{Deserialize, Serialize};
 
 /// How the pad is solved.
@@ -82,7 +82,7 @@ pub struct Settings {
     pub friction: Friction,
     /// Error asked for, relative to depth (quasi-static mode).
     pub tolerance: f64,
-    /// Particles along x, y and z (explicit modes).
+    /// Particles along x, y and z (explicit modes; the paper's are 201, 201, 41, its predecessor's 101, 101, 21).
     pub particles: [usize; 3],
     /// Grid spacing, mm (explicit modes); absent: 33/256, scaled with a coarser lattice.
     pub dx_mm: Option<f64>,
@@ -112,6 +112,24 @@ pub enum Base {
     LowerHalfVz,
 }
 
+impl Settings {
+    /// Young's modulus of a pad under these settings, MPa, and the key that says so.
+    pub fn youngs_modulus_of(&self, pad: &Pad) -> (&'static str, f64) {
+        match self.youngs_modulus_mpa {
+            Some(value) => ("elastomer.youngs_modulus_mpa", value),
+            None => ("pad.material.youngs_modulus_mpa", pad.material.youngs_modulus_mpa),
+        }
+    }
+
+    /// Poisson's ratio of a pad under these settings, and the key that says so.
+    pub fn poisson_ratio_of(&self, pad: &Pad) -> (&'static str, f64) {
+        match self.poisson_ratio {
+            Some(value) => ("elastomer.poisson_ratio", value),
+            None => ("pad.material.poisson_ratio", pad.material.poisson_ratio),
+        }
+    }
+}
+
 impl Default for Settings {
     fn default() -> Self {
         Self {
@@ -121,7 +139,7 @@ impl Default for Settings {
             poisson_ratio: None,
             friction: Friction::Infinite,
             tolerance: 0.01,
-            particles: [101, 101, 21],
+            particles: [201, 201, 41],
             dx_mm: None,
             dt_s: None,
             speed_mm_s: 200.0,

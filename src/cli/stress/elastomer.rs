@@ -5,10 +5,10 @@
 //! its time or takes its process with it is an outcome like any other. Time is processor time, so that a
 //! busy machine does not make cases hang. What a case is and what it is judged by: [`crate::trial::stress`].
 //! The exit code is 1 when any case ended in a failure class; `--only` runs one case in this process and
-//! shows all its checks.
+//! shows all its checks. A sweep that is stopped shows what has ended until then.
 
 use crate::cli::exit::Exit;
-use crate::cli::screen;
+use crate::cli::{screen, signals};
 use crate::trial::stress::{self, Body, Case, Family, Judgement, Verdict, case};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -16,6 +16,7 @@ use std::process::Stdio;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
+use tokio::sync::watch;
 
 /// Put the elastomer through hundreds of cases; count what is wrong, hangs or panics
 #[derive(Debug, Clone, clap::Args)]
@@ -54,6 +55,8 @@ fn family(text: &str) -> Result<Family, String> {
         .map_err(|_| format!("{text:?} is no family of cases; --help lists them"))
 }
 
+/// Cases after which a line tells how far it is, where no bar can.
+const TOLD_EVERY: u64 = 20;
 /// A process that needs so many times its processor time is stuck without working.
 const WALL_PER_CPU: u32 = 20;
 
@@ -83,8 +86,28 @@ impl Args {
         }
         let wanted = |c: &Case| self.family.is_none_or(|f| f == c.family);
         let cases: Vec<Case> = (0..self.cases).map(|n| case(n, self.seed, &bodies)).filter(wanted).collect();
+        if cases.is_empty() {
+            let first = (self.cases..).find(|n| wanted(&case(*n, self.seed, &bodies))).unwrap_or(u32::MAX);
+            screen::error(format_args!(
+                "--cases {}: none of the first {} cases is of the family asked for, whose first is case {first}; ask for {} or more",
+                self.cases,
+                self.cases,
+                first.saturating_add(1)
+            ));
+            return Exit::Refused;
+        }
+        let asked = cases.len();
         let begun = Instant::now();
-        let judgements = match self.sweep(cases).await {
+        let (stop, stopped) = watch::channel(0);
+        let swept = match signals::on_each(move |number| {
+            if stop.send_replace(number) != 0 {
+                std::process::exit(i32::from(Exit::StoppedHard.code()));
+            }
+        }) {
+            Ok(()) => self.sweep(cases, &stopped).await,
+            Err(e) => Err(e),
+        };
+        let judgements = match swept {
             Ok(judgements) => judgements,
             Err(e) => {
                 screen::error(format_args!("the cases need processes of their own: {e}"));
@@ -97,7 +120,17 @@ impl Args {
         } else {
             sweep.show();
         }
-        if sweep.failures == 0 { Exit::Done } else { Exit::Failed }
+        match *stopped.borrow() {
+            0 if sweep.failures == 0 => Exit::Done,
+            0 => Exit::Failed,
+            number => {
+                screen::warning(format_args!(
+                    "stopped: {} of {asked} cases were not run",
+                    asked - sweep.cases
+                ));
+                Exit::Stopped(number)
+            }
+        }
     }
 
     /// One case in this process.
@@ -129,7 +162,11 @@ impl Args {
         if judgement.verdict.is_failure() { Exit::Failed } else { Exit::Done }
     }
 
-    async fn sweep(&self, cases: Vec<Case>) -> std::io::Result<Vec<Judgement>> {
+    async fn sweep(
+        &self,
+        cases: Vec<Case>,
+        stopped: &watch::Receiver<u8>,
+    ) -> std::io::Result<Vec<Judgement>> {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let jobs = self.jobs.unwrap_or(cores).clamp(1, cases.len().max(1));
         let bars = screen::bars();
@@ -138,16 +175,24 @@ impl Args {
         let mut workers = tokio::task::JoinSet::new();
         for _ in 0..jobs {
             let (args, cases, next, bar) = (self.clone(), cases.clone(), next.clone(), bar.clone());
+            let (mut stopped, watched) = (stopped.clone(), !bars.is_hidden());
             workers.spawn(async move {
                 let mut done = Vec::new();
                 while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed) as usize) {
-                    let judgement = args.judge(case).await?;
+                    let judgement = tokio::select! {
+                        judgement = args.judge(case) => judgement?,
+                        _ = stopped.wait_for(|number| *number != 0) => break,
+                    };
                     if judgement.verdict.is_failure() {
                         let (n, verdict) = (judgement.number, judgement.verdict.name());
-                        bar.println(format!("case {n}: {verdict}: {}", judgement.what));
+                        let line = format!("case {n}: {verdict}: {}", judgement.what);
+                        if watched { bar.println(line) } else { screen::note(line) }
                     }
                     bar.set_message(format!("{} {}", case.number, case.family.name()));
                     bar.inc(1);
+                    if !watched && bar.position().is_multiple_of(TOLD_EVERY) {
+                        screen::note(screen::progress_line(&[&bar]));
+                    }
                     done.push(judgement);
                 }
                 Ok::<_, std::io::Error>(done)
@@ -167,7 +212,8 @@ impl Args {
         let mut command = tokio::process::Command::new(std::env::current_exe()?);
         command.args(["stress", "elastomer", "--worker", "--only", &case.number.to_string()]);
         command.args(["--seed", &self.seed.to_string(), "--limit-s", &self.limit_s.to_string()]);
-        command.env("RAYON_NUM_THREADS", "1").kill_on_drop(true);
+        // In a group of its own: a Ctrl-C of the terminal ends the sweep, which ends its cases.
+        command.env("RAYON_NUM_THREADS", "1").kill_on_drop(true).process_group(0);
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let begun = Instant::now();
         let ended = |verdict, what| Judgement::ended(case, verdict, what, begun.elapsed().as_secs_f64());

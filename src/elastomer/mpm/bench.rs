@@ -146,13 +146,15 @@ pub fn throughput(load: &Load) -> Result<Throughput, Error> {
         return Err(Error::Setting {
             key: "threads",
             value: threads.to_string(),
-            why: format!("a measurement needs at least one thread and one step, not {threads} and {steps}"),
+            allowed: "at least 1, and at least 1 step".to_owned(),
+            next: format!("ask for more than {threads} threads and {steps} steps"),
         });
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|e| Error::Setting {
         key: "threads",
         value: threads.to_string(),
-        why: format!("the thread pool could not be made ({e}); ask for fewer threads"),
+        allowed: format!("as many as the system makes ({e})"),
+        next: "ask for fewer".to_owned(),
     })?;
     pool.install(|| measure(load))
 }

@@ -42,103 +42,101 @@ pub struct Scheme {
     pub dt_s: f64,
 }
 
-fn refused(key: &'static str, value: impl std::fmt::Display, why: impl Into<String>) -> Error {
-    Error::Setting { key, value: value.to_string(), why: why.into() }
+fn refused(
+    key: &'static str,
+    value: impl std::fmt::Display,
+    allowed: impl Into<String>,
+    next: impl Into<String>,
+) -> Error {
+    Error::Setting { key, value: value.to_string(), allowed: allowed.into(), next: next.into() }
 }
 
 impl Scheme {
     /// Resolves the settings, or says which one cannot work.
     pub fn new(pad: &Pad, settings: &Settings) -> Result<Self, Error> {
+        const STATIC: &str = "set elastomer.mode = \"quasi_static\"";
         if settings.mode == Mode::QuasiStatic {
-            return Err(refused(
-                "mode",
-                "quasi_static",
-                "this solver is explicit: choose \"mpm\" or \"impm\"",
-            ));
+            return Err(refused("elastomer.mode", "quasi_static", "mpm or impm", "this solver is explicit"));
         }
         if pad.shape != PadShape::Cuboid {
             return Err(refused(
-                "shape",
-                format!("{:?}", pad.shape),
-                "the explicit modes know flat pads, shape = { kind = \"cuboid\" }: use elastomer.mode = \"quasi_static\" for others",
+                "pad.shape",
+                pad.shape.name(),
+                "cuboid in the explicit modes",
+                format!("{STATIC}, or choose a sensor with a flat pad"),
             ));
         }
         if let Some(coating) = &pad.coating {
             return Err(refused(
-                "coating",
+                "pad.coating",
                 format!("{} mm of {} MPa", coating.thickness_mm, coating.youngs_modulus_mpa),
-                "the explicit modes know pads of one material: use elastomer.mode = \"quasi_static\", or leave the coating out",
+                "no coating in the explicit modes, which know one material",
+                format!("{STATIC}, or leave [pad.coating] out"),
             ));
         }
         if let Friction::Coefficient(mu) = settings.friction {
             return Err(refused(
-                "friction",
+                "elastomer.friction",
                 mu,
-                "on the shared grid of the explicit modes the pad always sticks; set \"infinite\", or use elastomer.mode = \"quasi_static\" for a coefficient",
+                "infinite in the explicit modes, on whose shared grid the pad always sticks",
+                format!("{STATIC} for a coefficient, or set elastomer.friction = \"infinite\""),
             ));
         }
-        let material = pad.material;
-        let law = settings.law.unwrap_or(material.law);
-        let youngs = settings.youngs_modulus_mpa.unwrap_or(material.youngs_modulus_mpa);
-        let poisson = settings.poisson_ratio.unwrap_or(material.poisson_ratio);
-        let density = material.density_g_mm3;
-        let positive = |key, value: f64, unit: &str| {
+        let law = settings.law.unwrap_or(pad.material.law);
+        let (youngs_key, youngs) = settings.youngs_modulus_of(pad);
+        let (poisson_key, poisson) = settings.poisson_ratio_of(pad);
+        let density = pad.material.density_g_mm3;
+        let positive = |key, value: f64, unit: &str, next: &str| {
             if value.is_finite() && value > 0.0 {
                 Ok(value)
             } else {
-                Err(refused(key, value, format!("must be above 0{unit}")))
+                Err(refused(key, value, format!("above 0{unit}"), next))
             }
         };
-        positive("youngs_modulus_mpa", youngs, " MPa")?;
-        positive("density_g_mm3", density, " g/mm^3; the predecessor's is 1")?;
-        positive("speed_mm_s", settings.speed_mm_s, " mm/s; the predecessor's is 200")?;
+        positive(youngs_key, youngs, " MPa", "correct it")?;
+        positive("pad.material.density_g_mm3", density, " g/mm^3", "the predecessor's is 1")?;
+        positive("elastomer.speed_mm_s", settings.speed_mm_s, " mm/s", "the predecessor's is 200")?;
         if !(0.0..=0.499).contains(&poisson) {
-            return Err(refused("poisson_ratio", poisson, "must lie from 0 to 0.499"));
+            return Err(refused(poisson_key, poisson, "0 to 0.499", "choose a value in that range"));
         }
         let size_mm = [
-            positive("size_x_mm", pad.size_x_mm, " mm")?,
-            positive("size_y_mm", pad.size_y_mm, " mm")?,
-            positive("thickness_mm", pad.thickness_mm, " mm")?,
+            positive("pad.size_x_mm", pad.size_x_mm, " mm", "correct it")?,
+            positive("pad.size_y_mm", pad.size_y_mm, " mm", "correct it")?,
+            positive("pad.thickness_mm", pad.thickness_mm, " mm", "correct it")?,
         ];
         let n = settings.particles;
-        let shown = format!("{n:?}");
+        let lattice =
+            |allowed: &str, next: String| refused("elastomer.particles", format!("{n:?}"), allowed, next);
         if n.iter().any(|&n| n < 5) {
-            return Err(refused(
-                "particles",
-                shown,
-                "at least 5 along each direction: the base alone holds three layers",
-            ));
+            let allowed = "at least 5 along each direction";
+            return Err(lattice(allowed, "ask for more: the base alone holds three layers".into()));
         }
         if n.iter().product::<usize>() > 100_000_000 {
-            return Err(refused(
-                "particles",
-                shown,
-                "more than 1e8 particles would need over 16 GB; choose a coarser lattice",
+            return Err(lattice(
+                "at most 1e8 in all",
+                "choose a coarser lattice: these need over 16 GB".into(),
             ));
         }
         let spacing_mm = std::array::from_fn(|d| size_mm[d] / (n[d] - 1) as f64);
         let widest = spacing_mm.iter().copied().fold(0.0, f64::max);
         let narrowest = spacing_mm.iter().copied().fold(f64::INFINITY, f64::min);
         if widest > 2.0 * narrowest {
-            return Err(refused(
-                "particles",
-                shown,
+            return Err(lattice(
+                "spacings within a factor of 2",
                 format!(
-                    "the lattice is {narrowest:.3} mm narrow one way and {widest:.3} mm wide another; keep the spacings within a factor of 2"
+                    "this lattice is {narrowest:.3} mm wide one way and {widest:.3} mm another; ask for as many as the pad's sides are long"
                 ),
             ));
         }
-        let dx_mm = settings.dx_mm.unwrap_or(REFERENCE_DX_MM * widest / REFERENCE_SPACING_MM);
+        let usual_dx_mm = REFERENCE_DX_MM * widest / REFERENCE_SPACING_MM;
+        let dx_mm = settings.dx_mm.unwrap_or(usual_dx_mm);
         // A wider lattice than the grid leaves nodes without mass inside the pad: it would fall apart.
         if !(dx_mm >= widest * 0.999 && dx_mm <= 4.0 * widest) {
             return Err(refused(
-                "dx_mm",
+                "elastomer.dx_mm",
                 dx_mm,
-                format!(
-                    "must lie from {widest:.4} mm (the particle spacing) to {:.4} mm; leave it out for {:.4} mm",
-                    4.0 * widest,
-                    REFERENCE_DX_MM * widest / REFERENCE_SPACING_MM
-                ),
+                format!("{widest:.4} mm (the particles' spacing) to {:.4} mm", 4.0 * widest),
+                format!("leave it out for {usual_dx_mm:.4} mm"),
             ));
         }
         let mu = youngs * 1e6 / (2.0 * (1.0 + poisson));
@@ -147,12 +145,10 @@ impl Scheme {
         let dt_s = match settings.dt_s {
             Some(dt) if !(dt > 0.0 && dt <= limit) => {
                 return Err(refused(
-                    "dt_s",
+                    "elastomer.dt_s",
                     dt,
-                    format!(
-                        "the explicit step is stable only from 0 to {limit:.4e} s at this grid and material; leave it out, or choose at most {:.4e} s for large strains",
-                        0.5 * limit
-                    ),
+                    format!("above 0, at most {limit:.4e} s, with this grid and material"),
+                    format!("leave it out, or choose {:.4e} s for large strains", 0.5 * limit),
                 ));
             }
             Some(dt) => dt,
@@ -161,18 +157,17 @@ impl Scheme {
         let most = MOST_CELLS_PER_STEP * dx_mm / dt_s;
         if settings.speed_mm_s > most {
             return Err(refused(
-                "speed_mm_s",
+                "elastomer.speed_mm_s",
                 settings.speed_mm_s,
-                format!(
-                    "the indenter would cross more than {MOST_CELLS_PER_STEP} cells in a step; choose at most {most:.1} mm/s, or a shorter elastomer.dt_s"
-                ),
+                format!("at most {most:.1} mm/s: {MOST_CELLS_PER_STEP} cells in a step"),
+                "lower it, or choose a shorter elastomer.dt_s",
             ));
         }
         if settings.mode == Mode::Impm {
-            positive("rest_threshold", settings.rest_threshold, "; the paper's is 0.5")?;
-            positive("rest_floor_mm_s", settings.rest_floor_mm_s, " mm/s")?;
+            positive("elastomer.rest_threshold", settings.rest_threshold, "", "the paper's is 0.5")?;
+            positive("elastomer.rest_floor_mm_s", settings.rest_floor_mm_s, " mm/s", "leave it out for 1")?;
             if settings.rest_limit == 0 {
-                return Err(refused("rest_limit", 0, "at least one pass is needed to make a step"));
+                return Err(refused("elastomer.rest_limit", 0, "at least 1", "a step takes a pass"));
             }
         }
         let moduli_pa = Moduli { mu, lambda };

@@ -69,7 +69,7 @@ fn settings_that_cannot_work_are_refused_by_name() {
         let mut s = settings(Mode::Impm, [21, 21, 5]);
         change(&mut s);
         match Scheme::new(&pad([20.0, 20.0, 4.0]), &s) {
-            Err(Error::Setting { key: k, .. }) => assert_eq!(k, key),
+            Err(Error::Setting { key: k, .. }) => assert_eq!(k, format!("elastomer.{key}")),
             other => panic!("{key} was accepted: {other:?}"),
         }
     };

@@ -478,9 +478,10 @@ impl Level {
     pub fn capture(&self, indenter: &dyn Indenter, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
         if nx < 2 || ny < 2 {
             return Err(Error::Setting {
-                key: "surface",
+                key: "elastomer.surface",
                 value: format!("[{nx}, {ny}]"),
-                why: "a surface lattice has at least 2 points along each side".to_owned(),
+                allowed: "at least 2 points along each direction".to_owned(),
+                next: "ask for more".to_owned(),
             });
         }
         let grid = self.machine.operator.grid();

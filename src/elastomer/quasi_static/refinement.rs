@@ -11,7 +11,8 @@ use super::{QuasiStaticSolver, take_counters};
 use crate::elastomer::{Error, Friction};
 use crate::pose::Pose;
 
-/// Stated error over the one asked for that finer cells aim at: what is stated is about twice the truth (found by
+/// Stated error over the one asked for that finer cells aim at: what is stated counts the edge of the contact in, where
+/// the face is furthest off. Outside a band of 0.2 mm there it is about half as far off, a slab all of it (found by
 /// experiment against cells of 0.2 mm).
 const GOOD_ENOUGH: f64 = 1.5;
 /// Stated error over the one aimed at that is worth pressing again with finer cells, which take three to ten times as

@@ -481,7 +481,8 @@ fn repeat(case: &Case, checks: &mut Checks) -> Result<(), Error> {
             rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|e| Error::Setting {
                 key: "threads",
                 value: threads.to_string(),
-                why: format!("the thread pool could not be made ({e}); ask for fewer threads"),
+                allowed: format!("as many as the system makes ({e})"),
+                next: "ask for fewer".to_owned(),
             })?;
         pool.install(|| {
             let alter = |_: &mut ElastomerCapture| {};
