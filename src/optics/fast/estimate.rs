@@ -4,7 +4,7 @@ use super::frame::{self, Effort};
 use super::grid::Grid;
 use super::horizon::Heights;
 use super::{Precomputed, Renderer, Source};
-use crate::optics::Albedo;
+use crate::optics::{Albedo, Material, Role};
 use glam::Vec3;
 
 impl Effort {
@@ -64,6 +64,10 @@ const PLATE_ERROR: f64 = 0.004;
 const CURVED_ERROR: f64 = 0.004;
 /// What a tube adds: the wall behind it is lit more unevenly than patches resolve.
 const TUBE_ERROR: f64 = 0.016;
+/// What an angular profile adds, under one light: its field is interpolated between nodes, and bends more.
+const PROFILE_ERROR: f64 = 0.007;
+/// What walls lose each time they send light on.
+const LOST_ERROR: f64 = 2e-4;
 /// Part of the bounce that is wrong or left out.
 const BOUNCE_ERROR: f64 = 0.2;
 /// Part of what walls give back of the press that is wrong.
@@ -83,6 +87,26 @@ impl Precomputed {
         let lights: Vec<f64> = self.grounds[1..].iter().zip(&self.radiances).map(of_light).collect();
         let squares: f64 = lights.iter().map(|e| e * e).sum();
         if squares > 0.0 { lights.iter().sum::<f64>().powi(2) / squares } else { 1.0 }
+    }
+}
+
+impl Precomputed {
+    /// How often light is sent on between walls before it is lost, were they all around.
+    fn bounces_between_walls(&self) -> f64 {
+        let (mut areas, mut reflected) = (0.0, 0.0);
+        for surface in self.fixed_scene.surfaces.iter().filter(|s| s.role != Role::Plate) {
+            let Material::Lambert { albedo } = &surface.material else { continue };
+            let albedo = match albedo {
+                Albedo::Constant(albedo) => *albedo,
+                Albedo::Texture(texture) => texture.mean(),
+            };
+            let corners = (0..surface.mesh.triangles.len()).map(|k| surface.mesh.corners(k));
+            let area: f32 = corners.map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length()).sum();
+            areas += f64::from(area);
+            reflected += f64::from(area * albedo.max_element());
+        }
+        let albedo = if areas > 0.0 { reflected / areas } else { 0.0 };
+        (1.0 - albedo).recip().min(f64::from(self.fixed_scene.max_events))
     }
 }
 
@@ -133,7 +157,15 @@ impl Renderer<'_> {
         let plate = if self.once.view.slab.is_some() { PLATE_ERROR } else { 0.0 };
         let curved = if self.once.total.parts().0.is_curved() { CURVED_ERROR } else { 0.0 };
         let tube = if self.once.sources.iter().any(Source::is_tube) { TUBE_ERROR } else { 0.0 };
-        [base, bounce, echo, spread, steep, plate, tube, curved].iter().map(|e| e * e).sum::<f64>().sqrt()
+        let profile =
+            if self.once.sources.iter().any(|s| s.angular().is_some()) { PROFILE_ERROR } else { 0.0 };
+        let profile = profile / self.once.lights_in_effect().sqrt();
+        let lost = LOST_ERROR * self.once.bounces_between_walls();
+        [base, bounce, echo, spread, steep, plate, tube, curved, profile, lost]
+            .iter()
+            .map(|e| e * e)
+            .sum::<f64>()
+            .sqrt()
     }
 }
 
@@ -141,6 +173,7 @@ impl Renderer<'_> {
 mod tests {
     use super::super::tests::{ONCE, punch, scene};
     use super::*;
+    use crate::optics::Scene;
     use crate::optics::bench_scene::Variant;
 
     #[test]
@@ -149,6 +182,24 @@ mod tests {
         assert!((3.0..4.0).contains(&all), "{all}");
         let radiances: Vec<Vec3> = (0..4).map(|l| if l == 2 { Vec3::ONE } else { Vec3::ZERO }).collect();
         assert!((ONCE.with_radiances(&radiances).unwrap().lights_in_effect() - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn bright_walls_and_profiles_are_told() {
+        let stated = |change: fn(&mut Scene)| {
+            let mut scene = scene(Variant::Ac, |_, _| 0.0);
+            change(&mut scene);
+            let once = Precomputed::new(&scene).unwrap();
+            Renderer::new(&once, &scene, 0.005).unwrap().render_with_error().1
+        };
+        let usual = stated(|_| ());
+        let profiled = stated(|s| s.lights.iter_mut().for_each(|l| l.cosine_power = 4.0));
+        let bright = stated(|s| {
+            for surface in s.surfaces.iter_mut().filter(|s| s.role != Role::Pad) {
+                surface.material = Material::Lambert { albedo: Albedo::Constant(Vec3::splat(0.95)) };
+            }
+        });
+        assert!(profiled > 1.5 * usual && bright > 1.1 * usual, "{usual} {profiled} {bright}");
     }
 
     #[test]

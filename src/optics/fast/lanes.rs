@@ -64,6 +64,12 @@ impl Eight {
         Self(lanes!(i => self.0[i].sqrt()))
     }
 
+    /// Powers.
+    #[inline(always)]
+    pub fn powf(self, exponent: f32) -> Self {
+        Self(lanes!(i => self.0[i].powf(exponent)))
+    }
+
     /// Magnitudes.
     #[inline(always)]
     pub fn abs(self) -> Self {

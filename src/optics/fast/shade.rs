@@ -26,6 +26,8 @@ pub struct Block<'a> {
     fixed: Vec<Option<[Line; LINES]>>,
     /// By light: its corners, where it has a closed form.
     closed: Vec<Option<[Vec3; 4]>>,
+    /// By light: normal and exponent of its angular profile, where nothing bends what is seen of it.
+    angular: Vec<Option<(Vec3, f32)>>,
     /// By light: whether its field is not to be interpolated.
     exact: Vec<bool>,
     /// By light: what its irradiance counts for, as part of what may be wrong.
@@ -74,6 +76,7 @@ impl<'a> Block<'a> {
             thorough,
             fixed: fixed.map(|lines| lines.filter(|_| !slots.bent())).collect(),
             closed: sources.iter().enumerate().map(corners).collect(),
+            angular: sources.iter().map(|s| s.angular().filter(|_| !slots.bent())).collect(),
             exact: vec![false; sources.len()],
             weights,
         }
@@ -225,6 +228,10 @@ impl<'a> Block<'a> {
             lows[k] = low.unit();
             cuts[k] = (low + (high - low).scaled(part)).unit();
         }
+        if let Some((normal, power)) = self.angular[l] {
+            let radiance = |q: Vectors| q.dot(Vectors::all(-normal)).max(zero).powf(power);
+            return strips(&lows, &cuts, step, radiance).dot(normals) * Eight::all(-0.5);
+        }
         let mut sum = edges(lows[LINES - 1], cuts[LINES - 1]) + edges(cuts[0], lows[0]);
         for k in (step..LINES).step_by(step) {
             sum = sum + edges(lows[k - step], lows[k]) + edges(cuts[k], cuts[k - step]);
@@ -234,11 +241,33 @@ impl<'a> Block<'a> {
     }
 }
 
+/// Vector irradiance of a ribbon between two curves, times -2, each strip between lines with the radiance of its middle.
+#[inline(always)]
+fn strips(
+    lows: &[Vectors; LINES],
+    cuts: &[Vectors; LINES],
+    step: usize,
+    radiance: impl Fn(Vectors) -> Eight,
+) -> Vectors {
+    let mut sum = Vectors::all(Vec3::ZERO);
+    let mut upright = edges(lows[0], cuts[0]);
+    for k in (step..LINES).step_by(step) {
+        let next = edges(lows[k], cuts[k]);
+        let strip = edges(lows[k - step], lows[k]) + next + edges(cuts[k], cuts[k - step]) - upright;
+        let middle = (lows[k - step] + lows[k] + cuts[k - step] + cuts[k]).unit();
+        sum = sum + strip.scaled(radiance(middle));
+        upright = next;
+    }
+    sum
+}
+
 /// Of how many lines of a light one is taken, for the largest flag of the nodes.
 #[inline(always)]
 fn step_of(source: &Source, most: f32, thorough: bool) -> usize {
     // A plane cuts a rectangle along a straight line, a horizon does not; round lights have no straight edge.
     match source.is_fixed() && !thorough {
+        // Its profile is another from line to line.
+        true if most <= 2.0 && source.angular().is_some() => KEPT,
         true if most == 0.0 => COARSE,
         true if most == 1.0 => COARSE / 2,
         _ if most <= 2.0 && !thorough => KEPT,

@@ -133,6 +133,11 @@ impl Source {
         }
     }
 
+    /// Normal and exponent of its angular profile, where it has one.
+    pub fn angular(&self) -> Option<(Vec3, f32)> {
+        (self.cosine_power > 0.0 && self.normal != Vec3::ZERO).then_some((self.normal, self.cosine_power))
+    }
+
     /// Radiance towards a point, for a light of radiance 1 along its normal at `from`.
     pub fn profile(&self, from: Vec3, point: Vec3) -> f32 {
         if self.cosine_power == 0.0 || self.normal == Vec3::ZERO {

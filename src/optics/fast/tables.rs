@@ -9,9 +9,13 @@ use super::source::{Line, Source};
 use super::vector::irradiance;
 use glam::{Vec2, Vec3};
 
-/// Patches along and up a light that is cut.
-const ALONG: usize = 12;
-const UP: usize = 2;
+/// Patches along and up a light that is cut, at least and at most.
+const ALONG: [usize; 2] = [12, 24];
+const UP: [usize; 2] = [2, 8];
+/// Finest steps of a table over the usual ones.
+const FINEST: f32 = 0.4;
+/// By how much the logarithm of a profile may change across a patch: the midpoint then errs by a fiftieth of it.
+const CHANGE: f32 = 0.6;
 
 /// Tables of those lights that need one, of radiance 1, the pad hiding nothing.
 pub fn direct(
@@ -22,9 +26,16 @@ pub fn direct(
 ) -> Vec<Option<Grid<3>>> {
     let table = |source: &Source| {
         (slab.is_some() || source.corners().is_none())
-            .then(|| Grid::new(layout, rest, |point| arriving(source, slab, point).to_array()))
+            .then(|| Grid::new(&fine(source, layout), rest, |point| arriving(source, slab, point).to_array()))
     };
     sources.iter().map(table).collect()
+}
+
+/// A layout fine enough for a light's profile: steps go by its width, which is about 1 / sqrt(exponent).
+fn fine(source: &Source, layout: &Layout) -> Layout {
+    let exponent = source.angular().map_or(0.0, |(_, exponent)| exponent);
+    let part = (1.0 + 0.5 * exponent).sqrt().recip().max(FINEST);
+    Layout { step_mm: part * layout.step_mm, lift_step_mm: part * layout.lift_step_mm, ..*layout }
 }
 
 /// The vector irradiance at a point, of a light of radiance 1.
@@ -35,12 +46,13 @@ pub fn arriving(source: &Source, slab: Option<&Slab>, point: Vec3) -> Vec3 {
     if let (None, Some(corners)) = (slab, source.corners()) {
         return irradiance(&corners.map(|c| c - point));
     }
-    let slab = slab.filter(|slab| slab.covers(point) && source.line(0, ALONG, point)[0].z > slab.high);
+    let slab = slab.filter(|slab| slab.covers(point) && source.line(0, ALONG[0], point)[0].z > slab.high);
+    let [along, up] = cuts(source, point);
     let mut sum = Vec3::ZERO;
-    let mut before = Points::new(source.line(0, ALONG, point), point, slab);
-    for k in 1..=ALONG {
-        let now = Points::new(source.line(k, ALONG, point), point, slab);
-        for j in 0..UP {
+    let mut before = Points::new(source.line(0, along, point), up, point, slab);
+    for k in 1..=along {
+        let now = Points::new(source.line(k, along, point), up, point, slab);
+        for j in 0..up {
             let corners = [before.at[j], now.at[j], now.at[j + 1], before.at[j + 1]];
             let middle = 0.25 * corners.iter().sum::<Vec3>();
             let profile = source.profile(middle, point);
@@ -58,22 +70,36 @@ pub fn arriving(source: &Source, slab: Option<&Slab>, point: Vec3) -> Vec3 {
     sum
 }
 
+/// How many patches along and up a light has, as seen from a point: the steeper the profile there, the more.
+fn cuts(source: &Source, point: Vec3) -> [usize; 2] {
+    let Some((normal, power)) = source.angular() else { return [ALONG[0], UP[0]] };
+    let [first, middle, last] = [0, 1, 2].map(|k| source.line(k, 2, point));
+    let away = 0.5 * (middle[0] + middle[1]) - point;
+    let cosine = (-away.dot(normal) / away.length().max(1e-12)).clamp(1e-3, 1.0);
+    let steepness = power * (1.0 / (cosine * cosine) - 1.0).sqrt() / (CHANGE * away.length().max(1e-12));
+    let cut = |extent: Vec3, [least, most]: [usize; 2]| {
+        ((steepness * extent.length()).ceil() as usize).clamp(least, most)
+    };
+    [cut(last[0] - first[0], ALONG), cut(middle[1] - middle[0], UP)]
+}
+
 /// Points of a line of a light.
 struct Points {
-    at: [Vec3; UP + 1],
+    at: [Vec3; UP[1] + 1],
     /// Where they are seen through a plate, by order.
-    seen: [[Vec3; UP + 1]; ORDERS],
+    seen: [[Vec3; UP[1] + 1]; ORDERS],
 }
 
 impl Points {
-    fn new([low, high]: Line, from: Vec3, slab: Option<&Slab>) -> Self {
-        let mut points = Self { at: [low; UP + 1], seen: [[Vec3::ZERO; UP + 1]; ORDERS] };
-        for (j, at) in points.at.iter_mut().enumerate() {
-            *at = low.lerp(high, j as f32 / UP as f32);
+    /// `up + 1` evenly spread ones; the rest is not used.
+    fn new([low, high]: Line, up: usize, from: Vec3, slab: Option<&Slab>) -> Self {
+        let mut points = Self { at: [low; UP[1] + 1], seen: [[Vec3::ZERO; UP[1] + 1]; ORDERS] };
+        for (j, at) in points.at[..=up].iter_mut().enumerate() {
+            *at = low.lerp(high, j as f32 / up as f32);
         }
         if let Some(slab) = slab {
             for (order, seen) in points.seen.iter_mut().enumerate() {
-                for (seen, at) in seen.iter_mut().zip(&points.at) {
+                for (seen, at) in seen.iter_mut().zip(&points.at[..=up]) {
                     *seen = slab.sighted(from, *at, order).offset;
                 }
             }
