@@ -35,6 +35,7 @@ pub mod markers;
 pub mod material;
 pub mod mesh;
 pub mod noise;
+pub mod ratio;
 pub mod reference;
 pub mod render_file;
 pub mod reuse;

@@ -4,6 +4,7 @@
 //! `ratio` and the automatic exposure follow. Pictures of one imager share their random numbers, so the noise of
 //! the ratio vanishes where nothing moved.
 
+use super::ratio::Worn;
 use super::reuse::{Reuse, Seen};
 use super::sensor::{SensorOptics, TextureMode};
 use super::sensor_scene::{face, scene};
@@ -13,10 +14,6 @@ use super::{Error, Film, Role, Scene, Texture, fast, imaging, markers, reference
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
 use std::time::Instant;
-
-/// Mean of the untouched picture, linear, where no image of the untouched sensor gives it (found by
-/// experiment: a mid grey after the sRGB curve, with headroom for the bright flanks).
-const MIDDLE: f32 = 0.35;
 
 /// An 8-bit image of the untouched sensor.
 #[derive(Debug, Clone, Copy)]
@@ -221,13 +218,8 @@ impl Imager {
         let seen = imager.seen(&rest)?.0;
         imager.untouched = seen.light.clone();
         imager.untouched_uv = seen.sights.iter().map(|s| s.map(|s| s.uv)).collect();
-        let target = imager.background.as_ref().map_or(MIDDLE, |b| b.mean().element_sum() / 3.0);
-        let mean = imager.untouched.mean().element_sum() / 3.0;
-        imager.exposure = match sensor.image.exposure {
-            Some(exposure) => exposure as f32,
-            None if mean > 0.0 => target / mean,
-            None => 1.0,
-        };
+        let image_mean = imager.background.as_ref().map(|b| b.mean().element_sum() / 3.0);
+        imager.exposure = imaging::exposure(&sensor.image, &imager.untouched, image_mean);
         Ok(imager)
     }
 
@@ -244,7 +236,8 @@ impl Imager {
         &self.notices
     }
 
-    /// The picture of a face. `index` numbers the capture, for the camera's noise.
+    /// The picture of a face. `index` numbers the capture, for the camera's noise (a picture that is made of the
+    /// untouched image has that one's).
     ///
     /// # Errors
     /// When the face is no lattice or has positions that are not finite.
@@ -258,8 +251,9 @@ impl Imager {
         let estimated_error = *estimated_error;
         let rgb = match (&self.background, self.sensor.texture) {
             (Some(background), TextureMode::Ratio) => {
-                let relit = self.relight(background, light, sights);
-                imaging::develop(&relit, &self.sensor.image, index)
+                let worn = Worn { image: background, light: &self.untouched, uv: &self.untouched_uv };
+                // The image has been through the camera, and brings its noise along: none is added to it.
+                imaging::encode(&worn.relit(light, sights), &self.sensor.image)
             }
             _ => imaging::expose(light, &self.sensor.image, self.exposure, index),
         };
@@ -305,30 +299,6 @@ impl Imager {
                 Ready::Fast(Box::new(fast::Renderer::new(once, scene, *tolerance)?))
             }
         })
-    }
-
-    /// The untouched image, carried along by the material and multiplied by what the light there became: a point
-    /// seen at p that lay at q shows I0(q) E(p)/E0(q).
-    fn relight(&self, background: &Texture, light: &Film, sights: &[Option<reference::Sight>]) -> Film {
-        let flat =
-            Texture { width: light.width, height: light.height, texels: self.untouched.pixels.clone() };
-        // Where the untouched sensor is dark the ratio means nothing; a thousandth of the mean bounds it.
-        let floor = (flat.mean() * 1e-3).max(Vec3::splat(1e-12));
-        let mut relit = Film::new(light.width, light.height);
-        for (k, pixel) in relit.pixels.iter_mut().enumerate() {
-            let centre = Vec2::new(
-                ((k % light.width) as f32 + 0.5) / light.width as f32,
-                ((k / light.width) as f32 + 0.5) / light.height as f32,
-            );
-            // Only the shift of the material counts: a lens or plate bends both views alike.
-            let at = match (sights[k], self.untouched_uv[k]) {
-                (Some(now), Some(before)) => centre + (now.uv - before),
-                _ => centre,
-            };
-            let ratio = light.pixels[k].max(floor) / flat.sample(at).max(floor);
-            *pixel = background.sample(at) * ratio;
-        }
-        relit
     }
 }
 
@@ -434,15 +404,28 @@ mod tests {
 
     #[test]
     fn the_ratio_of_the_untouched_sensor_is_its_image() {
-        let sensor = small_sensor(TextureMode::Ratio);
+        let mut sensor = small_sensor(TextureMode::Ratio);
+        // The image has been through all of this.
+        sensor.image = ImageSpec {
+            exposure: Some(3.0),
+            gamma: Some(2.6),
+            vignetting: 0.7,
+            blur_px: 1.5,
+            full_well_electrons: Some(500.0),
+            read_noise: 4.0,
+            noise_seed: 7,
+        };
         let rest = DisplacedSurface::flat(65, 65, [16.0, 16.0]);
-        let rgb = dusty();
+        // From black to white.
+        let rgb: Vec<u8> = (0..48 * 36 * 3).map(|k| (k * 7919 % 256) as u8).collect();
         let background = Background { width: 48, height: 36, rgb: &rgb };
         let settings = reference::Settings { samples: 4, seed: 2 };
         let imager = Imager::new(&sensor, settings, Some(background), &rest).unwrap();
         assert_eq!(imager.picture(&rest, 0).unwrap().rgb, rgb);
         let touched = imager.picture(&pressed(), 0).unwrap();
         assert_ne!(touched.rgb, rgb);
+        // The image's noise is the only one: every picture of a face is the same.
+        assert_eq!(imager.picture(&pressed(), 1).unwrap().rgb, touched.rgb);
         // Depth on the pixel grid: the press stands 1 mm (4 pixels) right of the centre.
         let deepest =
             (0..48 * 36).min_by(|&a, &b| touched.depth_mm[a].total_cmp(&touched.depth_mm[b])).unwrap();

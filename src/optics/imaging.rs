@@ -1,14 +1,40 @@
 //! From linear light to code values: exposure, vignetting, blur, noise, response, 8 bit.
 //!
 //! The order is that of a camera: the lens darkens the corners and blurs, the sensor counts electrons
-//! (shot noise, taken as normal) and adds read noise, the electronics bend the curve and round.
+//! (shot noise, taken as normal) and adds read noise, the electronics bend the curve and round. All up to the noise is
+//! linear in the light: [`arriving`].
 
 use super::{Film, film, noise, sampler::hash, sensor::ImageSpec};
 use glam::Vec3;
 
+/// Mean of the untouched picture, linear, where no image of the untouched sensor gives it (found by
+/// experiment: a mid grey after the sRGB curve, with headroom for the bright flanks).
+const MIDDLE: f32 = 0.35;
+
+/// Mean light of code values.
+pub fn mean_light(rgb: &[u8], spec: &ImageSpec) -> f32 {
+    let sum: f64 = rgb.iter().map(|code| f64::from(decode(*code, spec))).sum();
+    (sum / rgb.len().max(1) as f64) as f32
+}
+
+/// The factor on radiance: the file's, or else the one that gives the untouched picture the mean of the untouched image.
+pub fn exposure(spec: &ImageSpec, untouched: &Film, image_mean: Option<f32>) -> f32 {
+    let mean = untouched.mean().element_sum() / 3.0;
+    match spec.exposure {
+        Some(exposure) => exposure as f32,
+        None if mean > 0.0 => image_mean.unwrap_or(MIDDLE) / mean,
+        None => 1.0,
+    }
+}
+
 /// The picture as code values, row 0 on top. `exposure` multiplies the radiance; `picture` numbers the frame, so
 /// that each has its own noise.
 pub fn expose(film: &Film, spec: &ImageSpec, exposure: f32, picture: u32) -> Vec<u8> {
+    encode(&noisy(arriving(film, spec, exposure), spec, picture), spec)
+}
+
+/// The light that the sensor's chip counts, full scale at 1: exposed, darkened towards the corners and blurred.
+pub fn arriving(film: &Film, spec: &ImageSpec, exposure: f32) -> Film {
     let mut light = film.clone();
     let (cx, cy) = (film.width as f32 / 2.0, film.height as f32 / 2.0);
     let loss = spec.vignetting as f32 / (cx * cx + cy * cy);
@@ -19,27 +45,31 @@ pub fn expose(film: &Film, spec: &ImageSpec, exposure: f32, picture: u32) -> Vec
     if spec.blur_px > 0.0 {
         blur(&mut light, spec.blur_px as f32);
     }
-    develop(&light, spec, picture)
+    light
 }
 
-/// Noise, response and rounding alone, for light that is already scaled to 0..1.
-pub fn develop(light: &Film, spec: &ImageSpec, picture: u32) -> Vec<u8> {
+/// The light with the camera's noise on it.
+fn noisy(mut light: Film, spec: &ImageSpec, picture: u32) -> Film {
     let seed = hash(spec.noise_seed, picture);
     let read = (spec.read_noise / 255.0) as f32;
     let shot = spec.full_well_electrons.map_or(0.0, |electrons| 1.0 / electrons as f32);
-    let noisy = read > 0.0 || shot > 0.0;
-    let mut codes = Vec::with_capacity(light.pixels.len() * 3);
-    for (k, p) in light.pixels.iter().enumerate() {
-        for (c, &value) in p.to_array().iter().enumerate() {
-            let mut value = value.clamp(0.0, 1.0);
-            if noisy {
-                let sigma = (shot * value + read * read).sqrt();
-                value += sigma * noise::normal(seed, (k * 3 + c) as u32) as f32;
-            }
-            codes.push((255.0 * respond(value.clamp(0.0, 1.0), spec)).round() as u8);
+    if read == 0.0 && shot == 0.0 {
+        return light;
+    }
+    for (k, p) in light.pixels.iter_mut().enumerate() {
+        for c in 0..3 {
+            let value = p[c].clamp(0.0, 1.0);
+            let sigma = (shot * value + read * read).sqrt();
+            p[c] = value + sigma * noise::normal(seed, (k * 3 + c) as u32) as f32;
         }
     }
-    codes
+    light
+}
+
+/// Response and rounding alone: the inverse of [`decode`], for light that has been through the rest of the camera.
+pub fn encode(light: &Film, spec: &ImageSpec) -> Vec<u8> {
+    let code = |value: f32| (255.0 * respond(value.clamp(0.0, 1.0), spec)).round() as u8;
+    light.pixels.iter().flat_map(|p| p.to_array().map(code)).collect()
 }
 
 /// The response curve, 0..1 to 0..1.
@@ -92,8 +122,17 @@ mod tests {
 
     #[test]
     fn without_effects_decoding_inverts_the_response() {
-        for gamma in [None, Some(1.0), Some(2.2)] {
+        for gamma in [None, Some(0.2), Some(1.0), Some(2.2), Some(5.0)] {
             let spec = ImageSpec { gamma, ..ImageSpec::default() };
+            for code in 0..=255 {
+                assert_eq!(
+                    encode(
+                        &Film { width: 1, height: 1, pixels: vec![Vec3::splat(decode(code, &spec))] },
+                        &spec
+                    ),
+                    [code; 3]
+                );
+            }
             for code in [0, 1, 17, 128, 254, 255] {
                 assert!(expose(&grey(decode(code, &spec)), &spec, 1.0, 0).iter().all(|&c| c == code));
             }

@@ -109,7 +109,7 @@ pub struct LightSpec {
     pub shape: LightShapeSpec,
     /// Colour, 0 to 255 a channel, taken as linear (the paper's table).
     pub rgb: [f64; 3],
-    /// Energy in the units of the paper's table; radiance = rgb/255 energy/100.
+    /// Energy in the units of the paper's table; radiance = rgb/255 energy/100, whatever the light's area.
     pub energy: f64,
     /// Angular profile: radiance falls as cos^k; 0 is Lambertian.
     #[serde(default)]
@@ -122,6 +122,12 @@ pub struct LightSpec {
 fn default_patch_albedo() -> f64 {
     0.5
 }
+
+/// The highest energy of a light.
+pub const MOST_ENERGY: f64 = 1e6;
+
+/// What rgb times energy is divided by: white (255) of energy 100 has radiance 1.
+pub const RGB_ENERGY_OF_ONE: f64 = 25_500.0;
 
 /// The luminous surface of a light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -231,8 +237,9 @@ impl Default for MeshSpec {
     }
 }
 
-/// What the camera makes of linear light. Every effect is optional; in texture mode `ratio` the untouched
-/// image has been through all of them, so only response and noise apply.
+/// What the camera makes of linear light. Every effect is optional. In texture mode `ratio` the untouched image has
+/// been through all of them: its response is undone and done again, and the rest stays as it is in the image, its noise
+/// brighter or darker with the light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImageSpec {
@@ -410,7 +417,7 @@ impl LightSpec {
         if let Some(h) = housing {
             self.check_within(h, p);
         }
-        p.range("energy", self.energy, 0.0, 1e6, "");
+        p.range("energy", self.energy, 0.0, MOST_ENERGY, "");
         p.range("cosine_power", self.cosine_power, 0.0, 200.0, "");
         p.range("albedo", self.albedo, 0.0, 0.95, "");
         let point = |p: &mut Problems, key: &str, at: &[f64; 3]| {

@@ -1,6 +1,6 @@
 //! From a sensor's description and the pad's face to a scene.
 
-use super::sensor::{LightShapeSpec, SensorOptics};
+use super::sensor::{LightShapeSpec, RGB_ENERGY_OF_ONE, SensorOptics};
 use super::surface::DisplacedSurface;
 use super::{
     Albedo, Camera, Error, Light, LightShape, Material, Mesh, Role, Scene, Surface, Texture, camera, from_pad,
@@ -120,7 +120,7 @@ fn lights(sensor: &SensorOptics) -> Vec<Light> {
     let light = |spec: &super::sensor::LightSpec| Light {
         name: spec.name.clone(),
         shape: shape(&spec.shape),
-        radiance: pad(&spec.rgb) * (spec.energy / 25_500.0) as f32,
+        radiance: pad(&spec.rgb) * (spec.energy / RGB_ENERGY_OF_ONE) as f32,
         two_sided: false,
         cosine_power: spec.cosine_power as f32,
         albedo: Vec3::splat(spec.albedo as f32),
