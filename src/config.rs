@@ -30,6 +30,7 @@ mod reader;
 pub mod report;
 pub mod rig;
 pub mod sensor;
+mod sensor_file;
 mod suggest;
 pub mod tree;
 
@@ -43,3 +44,4 @@ pub use rig::{
     Mounted, OpticsMode, OpticsTable, RigConfig, SessionTable, TwinPoses, TwinTable, VirtualTable,
 };
 pub use sensor::SensorConfig;
+pub use sensor_file::sensor_file;

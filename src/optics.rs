@@ -42,6 +42,7 @@ pub mod reuse;
 pub mod sampler;
 pub mod scene;
 pub mod sensor;
+pub mod sensor_basis;
 pub mod sensor_scene;
 pub mod store;
 pub mod stress;

@@ -14,7 +14,7 @@ pub mod view;
 
 pub use doubt::Doubts;
 pub use simulate::{Deformed, Model, Outcome, Walk};
-pub use view::{Picture, View, Wear};
+pub use view::{Picture, View, Wear, untouched_face};
 
 use crate::elastomer::ElastomerCapture;
 use crate::image;

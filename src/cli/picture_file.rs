@@ -1,7 +1,9 @@
-//! Where a linear picture goes and comes from: `.npy` keeps it as it is, `.png` shows it.
+//! Where a linear picture goes and comes from: `.npy` keeps it as it is, `.png` shows it, as the sensor's camera does where
+//! there is one.
 
 use crate::image::{Picture, png};
 use crate::optics::film::srgb_to_linear;
+use crate::optics::sensor_basis::SensorCamera;
 use crate::optics::{Error, Film};
 use glam::Vec3;
 use std::path::{Path, PathBuf};
@@ -21,34 +23,49 @@ pub(super) fn parse(text: &str) -> Result<PathBuf, String> {
     }
 }
 
-/// Reads a picture: `.npy` as it is; 8 bit as a camera with the sRGB response gives it, exposed as [`write`] exposes.
-/// With it, by pixel, whether it tells how bright its light was: one at the end of the scale does not.
-pub(super) fn read(path: &Path) -> Result<(Film, Vec<bool>), Error> {
+/// A picture that was read.
+pub(super) struct Read {
+    /// Its light.
+    pub film: Film,
+    /// By pixel, whether it tells how bright its light was: one at the end of the scale does not.
+    pub tells: Vec<bool>,
+    /// Whether the light is that on a sensor's chip: a photograph tells of no other.
+    pub is_on_chip: bool,
+}
+
+/// Reads a picture: `.npy` as it is; 8 bit as the sensor's camera gives it, or without one as a camera with the sRGB
+/// response, exposed as [`write`] exposes.
+pub(super) fn read(path: &Path, camera: Option<&SensorCamera>) -> Result<Read, Error> {
     let failed = |reason: String| Error::File { action: "read", path: path.display().to_string(), reason };
     let bytes = std::fs::read(path).map_err(|e| failed(e.to_string()))?;
     if path.extension().is_some_and(|e| e == "npy") {
         let film = Film::from_npy(&bytes, &path.display().to_string())?;
         let tells = film.pixels.iter().map(|p| p.is_finite()).collect();
-        return Ok((film, tells));
+        return Ok(Read { film, tells, is_on_chip: false });
     }
     let picture = png::decode(&bytes).map_err(|e| failed(e.to_string()))?;
-    let mut film = Film::new(picture.width as usize, picture.height as usize);
+    let [width, height] = [picture.width as usize, picture.height as usize];
+    if let Some(camera) = camera {
+        let (film, tells) = camera.undone(width, height, &picture.rgb);
+        return Ok(Read { film, tells, is_on_chip: true });
+    }
+    let mut film = Film::new(width, height);
     let mut tells = Vec::with_capacity(film.pixels.len());
     for (pixel, codes) in film.pixels.iter_mut().zip(picture.rgb.chunks_exact(3)) {
         let light = |c: usize| srgb_to_linear(codes[c]) / PREVIEW_EXPOSURE;
         *pixel = Vec3::new(light(0), light(1), light(2));
         tells.push(!codes.contains(&u8::MAX));
     }
-    Ok((film, tells))
+    Ok(Read { film, tells, is_on_chip: false })
 }
 
 /// Writes the picture in the format that the ending says.
-pub(super) fn write(path: &Path, film: &Film) -> Result<(), Error> {
+pub(super) fn write(path: &Path, film: &Film, camera: Option<&SensorCamera>) -> Result<(), Error> {
     if path.extension().is_none_or(|e| e != "png") {
         return film.write_npy(path);
     }
     let failed = |reason: String| Error::File { action: "write", path: path.display().to_string(), reason };
-    let rgb = film.to_srgb8(PREVIEW_EXPOSURE);
+    let rgb = camera.map_or_else(|| film.to_srgb8(PREVIEW_EXPOSURE), |camera| camera.picture(film));
     let picture = Picture { width: film.width as u32, height: film.height as u32, rgb };
     let bytes = png::encode(&picture).map_err(|e| failed(e.to_string()))?;
     std::fs::write(path, bytes).map_err(|e| failed(e.to_string()))
@@ -64,12 +81,13 @@ mod tests {
         let path = folder.path().join("look.png");
         let mut film = Film::new(3, 1);
         film.pixels = vec![Vec3::new(0.2, 0.5, 1.0), Vec3::splat(5.0), Vec3::ZERO];
-        write(&path, &film).unwrap();
-        let (found, tells) = read(&path).unwrap();
-        assert_eq!(tells, [true, false, true]);
+        write(&path, &film, None).unwrap();
+        let found = read(&path, None).unwrap();
+        assert_eq!(found.tells, [true, false, true]);
+        let pixels = found.film.pixels;
         // Half a code value near 1 is 1 % of the light.
-        assert!((found.pixels[0] / film.pixels[0] - 1.0).abs().max_element() < 0.01, "{}", found.pixels[0]);
-        assert_eq!(found.pixels[2], Vec3::ZERO);
+        assert!((pixels[0] / film.pixels[0] - 1.0).abs().max_element() < 0.01, "{}", pixels[0]);
+        assert_eq!(pixels[2], Vec3::ZERO);
     }
 
     #[test]

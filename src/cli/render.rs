@@ -1,32 +1,37 @@
-//! `twinrig render SCENE.json`: renders a scene of the tactile-bench format.
+//! `twinrig render SCENE.json`: renders a scene of the tactile-bench format; `twinrig render SENSOR`: a sensor untouched.
 //!
 //! The result is linear RGB float32 [h][w][3], row 0 on top. `--size` changes the camera's raster only, never
 //! the mesh. `--repeat N` renders N times and `--json` prints the seconds of what is done once and of each
 //! frame, so that cost can be compared with error, and the error that the fast mode expects, with whether that is within
 //! `--tolerance`: where it is not, a warning says so. A frame's seconds fall into what makes the changed pad ready (its
 //! tree or heights; as long for any number of samples) and the light itself. `--basis FOLDER` renders one picture a
-//! light, whose colours [`relight`](super::relight) changes without rendering.
+//! light, whose colours [`relight`](super::relight) changes without rendering. A sensor's PNG is what its camera would
+//! give, without noise.
 
 use super::exit::Exit;
 use super::{picture_file, screen};
-use crate::optics::Error;
-use crate::optics::basis_folder;
+use crate::config::{ConfigError, sensor_file};
+use crate::optics::basis_folder::{self, Contents};
 use crate::optics::bench_scene::Variant;
 use crate::optics::imager::Notice;
-use crate::optics::render_file::{Mode, Rendered, Request, Times, render_file};
-use std::path::PathBuf;
+use crate::optics::render_file::{Mode, Rendered, Request, Times, render_file, render_sensor};
+use crate::optics::sensor_basis::SensorCamera;
+use crate::optics::{Error, imaging};
+use crate::twin::untouched_face;
+use std::path::{Path, PathBuf};
 
-/// Render a benchmark scene to linear RGB
+/// Render a benchmark scene, or a sensor untouched, to linear RGB
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  twinrig render tests/data/optics/tactile-bench-1.json --variant Ac --mode reference --spp 64 --size 320x240 --out /tmp/ac.npy --json"
+    after_help = "Example:\n  twinrig render tests/data/optics/tactile-bench-1.json --variant Ac --mode reference --spp 64 --size 320x240 --out /tmp/ac.npy --json\n  twinrig render gelsight --mode fast --out /tmp/untouched.png\n  twinrig render rig_configs/sensors/digit.toml --mode fast --basis /tmp/digit --out /tmp/digit.png"
 )]
 pub struct Args {
-    /// Scene file
+    /// Scene file (.json), or a sensor: its file (.toml) or its name
+    #[arg(value_name = "SCENE|SENSOR")]
     pub scene: PathBuf,
-    /// Which variant: Ac (constant albedo), At (textured), B (with the plate)
-    #[arg(long, default_value = "Ac", value_parser = parse_variant)]
-    pub variant: Variant,
+    /// Which variant of a scene: Ac (constant albedo; the default), At (textured), B (with the plate)
+    #[arg(long, value_parser = parse_variant)]
+    pub variant: Option<Variant>,
     /// How: reference (path tracing) or fast
     #[arg(long, default_value = "reference", value_parser = parse_mode)]
     pub mode: Mode,
@@ -36,7 +41,7 @@ pub struct Args {
     /// Error asked for (fast mode)
     #[arg(long, default_value_t = 0.005)]
     pub tolerance: f64,
-    /// Raster as WIDTHxHEIGHT; the scene's own by default
+    /// Raster as WIDTHxHEIGHT; the scene's or sensor's own by default
     #[arg(long, value_name = "WxH")]
     pub size: Option<String>,
     /// Render this many times
@@ -45,7 +50,7 @@ pub struct Args {
     /// Seed of the samples
     #[arg(long, default_value_t = 0)]
     pub seed: u32,
-    /// Where to write the picture (.npy, or .png for a look)
+    /// Where to write the picture (.npy, or .png for a look; of a sensor as its camera gives it, but for the noise)
     #[arg(long, value_name = "FILE", value_parser = picture_file::parse)]
     pub out: PathBuf,
     /// Render one picture a light and write them here; the picture is then made of them
@@ -91,9 +96,17 @@ impl Args {
         Exit::Done
     }
 
-    fn render(&self) -> Result<Times, Error> {
+    /// Whether a sensor is meant: by its file, or by a name that is no file's.
+    fn is_of_sensor(&self) -> bool {
+        match self.scene.extension() {
+            Some(ending) => ending == "toml",
+            None => !self.scene.is_file(),
+        }
+    }
+
+    pub(super) fn render(&self) -> Result<Times, RenderError> {
         let request = Request {
-            variant: self.variant,
+            variant: self.variant.unwrap_or(Variant::Ac),
             mode: self.mode,
             samples: self.spp,
             tolerance: self.tolerance,
@@ -103,13 +116,45 @@ impl Args {
             basis: self.basis.is_some(),
             store: crate::assemble::cache::optics_store(),
         };
-        let Rendered { picture, basis, times } = render_file(&self.scene, &request)?;
-        picture_file::write(&self.out, &picture)?;
-        if let (Some(folder), Some(basis)) = (&self.basis, &basis) {
-            basis_folder::write(folder, basis, &times.radiances)?;
+        let (Rendered { picture, basis, times }, camera) = match self.is_of_sensor() {
+            true => self.render_sensor(&self.scene, &request)?,
+            false => (render_file(&self.scene, &request)?, None),
+        };
+        picture_file::write(&self.out, &picture, camera.as_ref())?;
+        if let (Some(folder), Some(basis)) = (&self.basis, basis) {
+            basis_folder::write(folder, &Contents { basis, radiances: times.radiances.clone(), camera })?;
         }
         Ok(times)
     }
+
+    fn render_sensor(
+        &self,
+        path: &Path,
+        request: &Request,
+    ) -> Result<(Rendered, Option<SensorCamera>), RenderError> {
+        if let Some(variant) = self.variant {
+            return Err(RenderError::VariantOfSensor(variant));
+        }
+        let sensor = sensor_file(path)?;
+        let rendered = render_sensor(&sensor.optics, &untouched_face(&sensor.pad), request)?;
+        let image_mean = sensor.untouched.as_ref().map(|p| imaging::mean_light(&p.rgb, &sensor.optics.image));
+        let camera = SensorCamera::new(&sensor.optics, &rendered.picture, image_mean);
+        Ok((rendered, Some(camera)))
+    }
+}
+
+/// Why nothing was rendered.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum RenderError {
+    /// The sensor's file.
+    #[error(transparent)]
+    Sensor(#[from] ConfigError),
+    /// The light or the files of pictures.
+    #[error(transparent)]
+    Optics(#[from] Error),
+    /// An option that sensors do not have.
+    #[error("--variant {0:?}: a sensor has no variants, only scene files have; leave it out")]
+    VariantOfSensor(Variant),
 }
 
 fn raster(size: &str) -> Result<[usize; 2], Error> {

@@ -1,6 +1,8 @@
 //! One picture a light in a folder: `<light>.npy`, linear RGB float32 for radiance 1, and `basis.json`, which names the
-//! lights in order with the radiances that the scene has for them.
+//! lights in order with the radiances that the scene has for them. Of a sensor there is `sensor.json`, too: its camera, and
+//! the energies in its file.
 
+use super::sensor_basis::SensorCamera;
 use super::{Error, Film, LightBasis};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -8,6 +10,19 @@ use std::path::Path;
 
 /// The list beside the pictures.
 const LIST: &str = "basis.json";
+/// The camera beside the pictures of a sensor.
+const SENSOR: &str = "sensor.json";
+
+/// What a folder holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contents {
+    /// The pictures.
+    pub basis: LightBasis,
+    /// The radiances that the scene has for the lights.
+    pub radiances: Vec<Vec3>,
+    /// The camera of a sensor; a scene has none.
+    pub camera: Option<SensorCamera>,
+}
 
 /// A light of a folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -18,12 +33,14 @@ struct Entry {
     radiance: [f32; 3],
 }
 
-/// Writes pictures and list; the folder is made.
+/// Writes pictures, list and camera; the folder is made.
 ///
 /// # Errors
 /// When a file cannot be written.
-pub fn write(folder: &Path, basis: &LightBasis, radiances: &[Vec3]) -> Result<(), Error> {
+pub fn write(folder: &Path, contents: &Contents) -> Result<(), Error> {
+    let Contents { basis, radiances, camera } = contents;
     std::fs::create_dir_all(folder).map_err(|e| fault("write", folder, &e))?;
+    write_camera(&folder.join(SENSOR), camera.as_ref())?;
     let entry = |(k, (light, radiance)): (usize, (&String, &Vec3))| {
         // Names come from files: what may stand in a file's name stays, the number keeps them apart.
         let plain = light.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' });
@@ -34,16 +51,38 @@ pub fn write(folder: &Path, basis: &LightBasis, radiances: &[Vec3]) -> Result<()
     for (entry, film) in list.iter().zip(&basis.films) {
         film.write_npy(&folder.join(&entry.file))?;
     }
-    let path = folder.join(LIST);
-    let text = serde_json::to_string_pretty(&list).map_err(|e| fault("write", &path, &e))?;
-    std::fs::write(&path, text + "\n").map_err(|e| fault("write", &path, &e))
+    write_json(&folder.join(LIST), &list)
 }
 
-/// Reads what [`write`] wrote: the pictures, and the scene's radiances.
+fn write_camera(path: &Path, camera: Option<&SensorCamera>) -> Result<(), Error> {
+    match camera {
+        Some(camera) => write_json(path, camera),
+        // One that an earlier basis left here would be taken for that of this one.
+        None => match std::fs::remove_file(path) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(fault("write", path, &e)),
+            _ => Ok(()),
+        },
+    }
+}
+
+fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Error> {
+    let text = serde_json::to_string_pretty(value).map_err(|e| fault("write", path, &e))?;
+    std::fs::write(path, text + "\n").map_err(|e| fault("write", path, &e))
+}
+
+fn read_camera(path: &Path) -> Result<Option<SensorCamera>, Error> {
+    match std::fs::read_to_string(path) {
+        Ok(text) => serde_json::from_str(&text).map(Some).map_err(|e| fault("read", path, &e)),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(e) => Err(fault("read", path, &e)),
+    }
+}
+
+/// Reads what [`write`] wrote.
 ///
 /// # Errors
 /// When a file is missing or is not what it should be; it is named.
-pub fn read(folder: &Path) -> Result<(LightBasis, Vec<Vec3>), Error> {
+pub fn read(folder: &Path) -> Result<Contents, Error> {
     let path = folder.join(LIST);
     let text = std::fs::read_to_string(&path).map_err(|e| fault("read", &path, &e))?;
     let list: Vec<Entry> = serde_json::from_str(&text).map_err(|e| fault("read", &path, &e))?;
@@ -58,7 +97,8 @@ pub fn read(folder: &Path) -> Result<(LightBasis, Vec<Vec3>), Error> {
         return Err(fault("read", &path, &"its pictures are none, or of several sizes"));
     }
     let radiances = list.iter().map(|e| Vec3::from_array(e.radiance)).collect();
-    Ok((LightBasis { names: list.into_iter().map(|e| e.light).collect(), films }, radiances))
+    let basis = LightBasis { names: list.into_iter().map(|e| e.light).collect(), films };
+    Ok(Contents { basis, radiances, camera: read_camera(&folder.join(SENSOR))? })
 }
 
 fn fault(action: &'static str, path: &Path, reason: &impl ToString) -> Error {
@@ -68,6 +108,7 @@ fn fault(action: &'static str, path: &Path, reason: &impl ToString) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::optics::sensor::ImageSpec;
 
     #[test]
     fn a_folder_gives_back_what_was_written_and_names_what_it_lacks() {
@@ -75,9 +116,15 @@ mod tests {
         let film = |v: f32| Film { width: 3, height: 2, pixels: vec![Vec3::splat(v); 6] };
         let names = ["left / upper", "right"].map(str::to_owned).to_vec();
         let basis = LightBasis { names, films: vec![film(0.25), film(2.0)] };
-        let radiances = [Vec3::new(1.0, 2.0, 3.0), Vec3::ZERO];
-        write(&folder, &basis, &radiances).unwrap();
-        assert_eq!(read(&folder).unwrap(), (basis, radiances.to_vec()));
+        let radiances = vec![Vec3::new(1.0, 2.0, 3.0), Vec3::ZERO];
+        let image = ImageSpec { exposure: Some(0.4), gamma: Some(1.8), ..ImageSpec::default() };
+        let camera = SensorCamera { image, file_gives_exposure: true, energies: vec![100.0, 7.5] };
+        // A scene's basis in the folder of a sensor's leaves no camera behind.
+        for camera in [Some(camera), None] {
+            let contents = Contents { basis: basis.clone(), radiances: radiances.clone(), camera };
+            write(&folder, &contents).unwrap();
+            assert_eq!(read(&folder).unwrap(), contents);
+        }
         std::fs::remove_file(folder.join("1_right.npy")).unwrap();
         assert!(read(&folder).unwrap_err().to_string().contains("1_right.npy"));
         std::fs::remove_dir_all(&folder).unwrap();

@@ -1,8 +1,11 @@
-//! Renders a scene file, with times: what the command `render` does, without its printing.
+//! Renders a scene file, or a sensor untouched, with times: what the command `render` does, without its printing.
 
 use super::bench_scene::{self, Variant};
 use super::store::Store;
-use super::{Error, Film, LightBasis, Role, Scene, fast, reference};
+use super::{
+    DisplacedSurface, Error, Film, LightBasis, Role, Scene, SensorOptics, fast, markers, reference,
+    sensor_scene,
+};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -22,7 +25,7 @@ pub enum Mode {
 /// What to render.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
-    /// Variant of the scene.
+    /// Variant of a scene file.
     pub variant: Variant,
     /// Renderer.
     pub mode: Mode,
@@ -92,12 +95,34 @@ pub struct Rendered {
 /// When the file is no scene, a part of it cannot be rendered, or not in this mode.
 pub fn render_file(path: &Path, request: &Request) -> Result<Rendered, Error> {
     // On a thread of the pool: from any other, every parallel loop would wait for one to wake.
-    rayon::scope(|_| render_on_pool(path, request))
+    rayon::scope(|_| render_on_pool(|| bench_scene::load(path, request.variant), untouched, request))
 }
 
-fn render_on_pool(path: &Path, request: &Request) -> Result<Rendered, Error> {
+/// The same of a sensor: `face` is that of its pad untouched. Its coating shows with what is printed on it; an image of the
+/// untouched sensor is not worn, which holds the lights already.
+///
+/// # Errors
+/// When a part of the sensor cannot be rendered, or not in this mode.
+pub fn render_sensor(
+    sensor: &SensorOptics,
+    face: &DisplacedSurface,
+    request: &Request,
+) -> Result<Rendered, Error> {
+    let load = || {
+        let albedo = markers::printed(sensor).map(Arc::new);
+        sensor_scene::scene(sensor, &sensor_scene::face(sensor, face), albedo.as_ref())
+    };
+    rayon::scope(|_| render_on_pool(load, Scene::clone, request))
+}
+
+/// `untouched` gives the scene before the press.
+fn render_on_pool(
+    load: impl FnOnce() -> Result<Scene, Error>,
+    untouched: fn(&Scene) -> Scene,
+    request: &Request,
+) -> Result<Rendered, Error> {
     let start = Instant::now();
-    let mut scene = bench_scene::load(path, request.variant)?;
+    let mut scene = load()?;
     if let Some([width, height]) = request.size {
         scene.camera = scene.camera.with_raster(width, height);
         scene.check()?;

@@ -97,10 +97,7 @@ impl View {
             height: image.height as usize,
             rgb: &image.rgb,
         });
-        let [nx, ny] = if pad.shape == PadShape::Cuboid { [2, 2] } else { REST_LATTICE };
-        let size = [pad.size_x_mm, pad.size_y_mm];
-        let rest = DisplacedSurface::resting(nx, ny, size, |x, y| pad.shape.face_height_mm(size, [x, y]));
-        let store = self.store.as_ref();
+        let (rest, store) = (untouched_face(pad), self.store.as_ref());
         let imager = Imager::with_store(&self.sensor, self.method, background, &rest, store)?;
         imager.notices().iter().for_each(|notice| tracing::warn!("{notice}"));
         Ok(Wear { imager, shape: pad.shape, told: Arc::default() })
@@ -162,6 +159,13 @@ const CONTACT_MARGIN_MM: f64 = 0.7;
 
 /// Points of the untouched face of a pad that is not flat.
 const REST_LATTICE: [usize; 2] = [201, 201];
+
+/// The face of a pad that nothing touches, in the optics' words.
+pub fn untouched_face(pad: &Pad) -> DisplacedSurface {
+    let [nx, ny] = if pad.shape == PadShape::Cuboid { [2, 2] } else { REST_LATTICE };
+    let size = [pad.size_x_mm, pad.size_y_mm];
+    DisplacedSurface::resting(nx, ny, size, |x, y| pad.shape.face_height_mm(size, [x, y]))
+}
 
 /// The elastomer's surface in the optics' words.
 pub(super) fn displaced(surface: &Surface, shape: PadShape) -> DisplacedSurface {
