@@ -88,6 +88,11 @@ impl Problems {
         self.found.is_empty()
     }
 
+    /// How many were found.
+    pub fn len(&self) -> usize {
+        self.found.len()
+    }
+
     /// Everything found, in order.
     pub fn into_vec(self) -> Vec<Problem> {
         self.found

@@ -93,6 +93,31 @@ pub(super) fn on_path(
     findings.extend(problems.iter().map(|p| document.finding(p)));
     Some(trajectory)
 }
+
+/// A press moves the pad's face towards the camera: it stays below the plate.
+pub(super) fn on_plate(
+    document: &Document,
+    trajectory: &Trajectory,
+    sensor: &SensorReading,
+    findings: &mut Vec<Finding>,
+) {
+    let Some(plate) = sensor.value.optics.plate.as_ref().filter(|_| sensor.holds("optics.plate")) else {
+        return;
+    };
+    let deepest = trajectory.waypoints.iter().map(|w| -w.pose.z_mm).fold(0.0, f64::max);
+    if deepest >= plate.gap_mm {
+        findings.push(document.complain(
+            "depths",
+            format!("{deepest} mm deep"),
+            format!(
+                "below {} mm, where the plate of sensor {} begins (optics.plate.gap_mm)",
+                plate.gap_mm, sensor.value.name
+            ),
+            "press less deep, or correct optics.plate.gap_mm in the sensor file",
+        ));
+    }
+}
+
 /// The keys of a plan that its path depends on.
 const PATH_KEYS: [&str; 11] = [
     "primitive",

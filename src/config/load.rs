@@ -157,6 +157,10 @@ impl Loader {
             }
             _ => None,
         };
+        if let (Some(document), Some(trajectory), Some(sensor)) = (&plan_document, &plan_on_rig, &sensor_read)
+        {
+            agree::on_plate(document, trajectory, sensor, &mut self.findings);
+        }
         if !self.findings.is_empty() {
             return None;
         }

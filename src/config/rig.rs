@@ -5,6 +5,7 @@ use crate::device::camera::settings::{CameraSettings, CameraSource};
 use crate::device::settings::{AxisSettings, MoverSettings, PortSettings, Side};
 use crate::elastomer;
 use crate::motion::{Arm, AxisKind, AxisRole, Coordinate, PoseMap};
+use crate::optics::fast::TOLERANCES;
 use crate::plan::{Fence, RigFences};
 use crate::problem::Problems;
 use serde::{Deserialize, Serialize};
@@ -55,7 +56,7 @@ pub struct RigFile {
 pub struct OpticsTable {
     /// Path tracing, or its fast approximation.
     pub mode: OpticsMode,
-    /// Samples a pixel (reference mode).
+    /// Samples a pixel (reference mode; where the fast mode falls back to it, 64 or more).
     pub samples: u32,
     /// Relative error asked for (fast mode).
     pub tolerance: f64,
@@ -477,7 +478,7 @@ fn check_elastomer(settings: &elastomer::Settings, problems: &mut Problems) {
 impl OpticsTable {
     fn check(&self, problems: &mut Problems) {
         problems.range("samples", f64::from(self.samples), 1.0, 65_536.0, "samples a pixel");
-        problems.range("tolerance", self.tolerance, 1e-4, 0.5, "");
+        problems.range("tolerance", self.tolerance, TOLERANCES[0], TOLERANCES[1], "");
     }
 }
 

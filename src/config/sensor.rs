@@ -3,6 +3,7 @@
 use crate::elastomer::{Pad, PadShape};
 use crate::image::{Picture, png};
 use crate::optics::sensor::SensorOptics;
+use crate::optics::{DisplacedSurface, sensor_scene};
 use crate::problem::Problems;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -61,8 +62,12 @@ impl SensorFile {
                 next,
             );
         }
+        let before = problems.len();
         problems.within("pad", |p| check_pad(&self.pad, p));
         problems.within("optics", |p| self.optics.check(p));
+        if problems.len() == before && problems.is_certain("pad") && problems.is_certain("optics") {
+            problems.within("optics", |p| sensor_scene::check(&self.optics, &self.untouched_face(), p));
+        }
         let untouched = self.untouched.as_ref().and_then(|path| self.picture(path, folder, problems));
         SensorConfig {
             name: self.name.clone(),
@@ -70,6 +75,13 @@ impl SensorFile {
             optics: self.optics.clone(),
             untouched,
         }
+    }
+
+    /// The pad's face as no indenter has touched it, coarsely.
+    fn untouched_face(&self) -> DisplacedSurface {
+        let size = [self.pad.size_x_mm, self.pad.size_y_mm];
+        let height = |x: f64, y: f64| self.pad.shape.face_height_mm(size, [x, y]);
+        DisplacedSurface::resting(FACE_POINTS, FACE_POINTS, size, height)
     }
 
     fn picture(&self, path: &Path, folder: Option<&Path>, problems: &mut Problems) -> Option<Picture> {
@@ -94,6 +106,9 @@ impl SensorFile {
         Some(picture)
     }
 }
+
+/// Points along each edge of the face that is looked at: its highest and lowest are among them.
+const FACE_POINTS: usize = 21;
 
 fn check_pad(pad: &Pad, problems: &mut Problems) {
     problems.range("size_x_mm", pad.size_x_mm, 1.0, 200.0, "mm");

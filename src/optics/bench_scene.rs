@@ -92,6 +92,10 @@ pub fn parse(text: &str, variant: Variant) -> Result<Scene, Error> {
         Variant::At => Albedo::Texture(Arc::new(bench_texture())),
         Variant::Ac | Variant::B => Albedo::grey(pad.albedo_const),
     };
+    // Lights' own patches have it, too, so a message of theirs would not name it.
+    if !(0.0..1.0).contains(&file.walls.albedo) {
+        return Err(fault(format!("box.albedo = {}: it is from 0 to below 1", file.walls.albedo)));
+    }
     let mut surfaces = vec![
         Surface {
             name: "pad".to_owned(),
@@ -360,12 +364,24 @@ struct CameraFile {
     res: [usize; 2],
 }
 
+/// The widest horizontal field of view, degrees.
+const WIDEST_DEG: f64 = 179.0;
+
 impl CameraFile {
     fn camera(&self) -> Result<Camera, Error> {
         if self.kind != "pinhole" {
             return Err(Error::SceneFormat {
                 path: "<text>".to_owned(),
                 reason: format!("its camera is \"{}\", the format has \"pinhole\" only", self.kind),
+            });
+        }
+        if !(self.hfov_deg > 0.0 && self.hfov_deg < WIDEST_DEG) {
+            return Err(Error::SceneFormat {
+                path: "<text>".to_owned(),
+                reason: format!(
+                    "camera.hfov_deg = {}: it is above 0 and below {WIDEST_DEG} degrees",
+                    self.hfov_deg
+                ),
             });
         }
         Ok(camera::Camera {
@@ -398,5 +414,19 @@ mod tests {
             let told = parse(&text.replacen(from, to, 1), Variant::Ac).unwrap_err().to_string();
             assert!(told.contains(place), "{told}");
         }
+    }
+
+    #[test]
+    fn walls_that_swallow_nothing_and_a_view_that_is_too_wide_are_named_by_their_keys() {
+        let text = include_str!("../../tests/data/optics/tactile-bench-1.json");
+        let told = |part: &str, key: &str, value: f64| {
+            let mut file: serde_json::Value = serde_json::from_str(text).unwrap();
+            file[part][key] = value.into();
+            parse(&file.to_string(), Variant::Ac).unwrap_err().to_string()
+        };
+        let box_told = told("box", "albedo", 1.0);
+        assert!(box_told.contains("box.albedo = 1: it is from 0 to below 1"), "{box_told}");
+        let view_told = told("camera", "hfov_deg", 180.0);
+        assert!(view_told.contains("camera.hfov_deg = 180: it is above 0 and below 179"), "{view_told}");
     }
 }

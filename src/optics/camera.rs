@@ -60,6 +60,12 @@ impl Camera {
         }
     }
 
+    /// Whether its distortion shows some directions twice, or never reaches the picture's corners.
+    pub fn folds(&self) -> bool {
+        let corner = Vec2::new(self.tan_half_x, self.tan_half_y()).length();
+        self.distortion.is_some_and(|d| !d.reaches(corner))
+    }
+
     /// Half of the vertical field of view, as a tangent.
     pub fn tan_half_y(&self) -> f32 {
         self.tan_half_x * self.height as f32 / self.width as f32

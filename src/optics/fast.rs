@@ -74,6 +74,8 @@ const PROBE_LIFT_MM: [f32; 2] = [0.0, 2.0];
 const PROBE_LIFT_STEP_MM: f32 = 0.5;
 /// Nodes keep this far from the pad's rim, where walls stand, mm.
 const RIM_MM: f32 = 0.05;
+/// relRMSE that may be asked for: finer work than the first gives nothing, beyond the second a picture is none.
+pub const TOLERANCES: [f64; 2] = [1e-4, 0.5];
 /// Smallest and largest extent of a pad, mm.
 const PAD_MM: [f32; 2] = [4.0, 200.0];
 /// Points this far below the untouched face are under it, mm.
@@ -138,8 +140,13 @@ impl Precomputed {
     pub fn new(untouched: &Scene) -> Result<Self, Error> {
         untouched.check()?;
         let pad = pad_of(untouched)?;
-        if untouched.camera.lens.is_some() {
-            return Err(unsupported("camera.aperture_radius_mm", "above 0", "only pinhole cameras"));
+        if let Some(lens) = &untouched.camera.lens {
+            let value = lens.aperture_radius_mm.to_string();
+            return Err(unsupported(
+                "camera.aperture_radius_mm",
+                &value,
+                "only pinholes, whose aperture is 0",
+            ));
         }
         let sources = sources_of(untouched)?;
         if sources.is_empty() {

@@ -56,6 +56,8 @@ pub struct Light {
     pub albedo: Vec3,
 }
 
+/// Radiances are at most this in any channel: far beyond any light, and sums of squares of it are still numbers.
+pub const MOST_RADIANCE: f32 = 1e12;
 /// Lights have an extent above this, mm.
 const LEAST_MM: f32 = 1e-6;
 /// Directions are of length 1, and edges at right angles, to this part.
@@ -64,6 +66,11 @@ const ASKEW: f32 = 1e-3;
 /// Facets around a disc or a tube. The inscribed polygon of 64 sides has 0.16 % less area than the circle;
 /// `tessellate` enlarges it so that the area agrees.
 const FACETS: usize = 64;
+
+/// Whether light of that radiance can be rendered and added up.
+pub fn is_radiance(radiance: Vec3) -> bool {
+    radiance.is_finite() && radiance.min_element() >= 0.0 && radiance.max_element() <= MOST_RADIANCE
+}
 
 impl LightShape {
     /// What is no shape about it.
@@ -87,7 +94,11 @@ impl LightShape {
                 (!(long(*to - *from) && from.is_finite() && thick(*radius)))
                     .then(|| format!("its radius is {radius} mm, its axis from {from} to {to}"))
             }
-            LightShape::Mesh(_) => None,
+            LightShape::Mesh(mesh) => {
+                let area: f32 = (0..mesh.triangles.len()).map(|k| mesh.area(k)).sum();
+                let shines = area.is_finite() && area > LEAST_MM * LEAST_MM;
+                (!shines).then(|| format!("its {} triangles have {area} mm^2", mesh.triangles.len()))
+            }
         }
     }
 
@@ -134,12 +145,7 @@ mod tests {
     use super::*;
 
     fn area(mesh: &Mesh) -> f32 {
-        (0..mesh.triangles.len())
-            .map(|k| {
-                let [a, b, c] = mesh.corners(k);
-                (b - a).cross(c - a).length() / 2.0
-            })
-            .sum()
+        (0..mesh.triangles.len()).map(|k| mesh.area(k)).sum()
     }
 
     #[test]

@@ -80,3 +80,16 @@ pub enum Material {
         alpha: f32,
     },
 }
+
+impl Material {
+    /// What it is, in messages.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Material::Lambert { .. } => "a diffuse surface",
+            Material::Dielectric { .. } => "clear glass",
+            Material::RoughDielectric { .. } => "frosted glass",
+            Material::RoughConductor { .. } => "metal",
+            Material::FlakeCoating { .. } => "metal flakes",
+        }
+    }
+}

@@ -94,6 +94,12 @@ impl Mesh {
         self.triangles[k].map(|i| self.positions[i as usize])
     }
 
+    /// The area of triangle `k`, mm^2.
+    pub fn area(&self, k: usize) -> f32 {
+        let [a, b, c] = self.corners(k);
+        (b - a).cross(c - a).length() / 2.0
+    }
+
     /// Indices inside the vertex list, coordinates finite, one texture coordinate a vertex or none.
     pub fn check(&self, part: &str) -> Result<(), Error> {
         let fault = |what: String| {

@@ -1,6 +1,8 @@
 //! A scene: surfaces, lights, a camera, and how often light may scatter.
 
+use super::light::is_radiance;
 use super::{Camera, Error, Light, LightShape, Material, Mesh};
+use glam::Vec3;
 use std::sync::Arc;
 
 /// What a surface is to the sensor. The fast renderer treats the pad and plates on their own;
@@ -47,6 +49,12 @@ pub struct Scene {
 const MOST_EVENTS: u32 = 1000;
 /// Tangent of half of the widest field of view, 179 degrees.
 const WIDEST: f32 = 114.59;
+/// Faces of a housing this near to its top are its ceiling, mm.
+const CEILING_MM: f32 = 1e-3;
+
+fn fault(part: &str, what: String, next: &str) -> Result<(), Error> {
+    Err(Error::Scene { part: part.to_owned(), what, next: next.to_owned() })
+}
 
 impl Scene {
     /// The first surface with the role, if there is one.
@@ -59,44 +67,13 @@ impl Scene {
     /// # Errors
     /// Names the first part that cannot, and what to do.
     pub fn check(&self) -> Result<(), Error> {
-        let fault = |part: &str, what: String, next: &str| {
-            Err(Error::Scene { part: part.to_owned(), what, next: next.to_owned() })
-        };
         for surface in &self.surfaces {
             surface.mesh.check(&surface.name)?;
             if let Some((what, next)) = surface.material.fault() {
                 return fault(&surface.name, what, next);
             }
         }
-        for light in &self.lights {
-            if let LightShape::Mesh(mesh) = &light.shape {
-                mesh.check(&light.name)?;
-            }
-            if let Some(what) = light.shape.fault() {
-                return fault(
-                    &light.name,
-                    what,
-                    "give it a finite extent above 0, edges at right angles, unit directions",
-                );
-            }
-            if self.lights.iter().filter(|l| l.name == light.name).count() > 1 {
-                return fault(
-                    &light.name,
-                    "several lights have this name".to_owned(),
-                    "give each a name of its own",
-                );
-            }
-            if !(light.radiance.is_finite() && light.radiance.min_element() >= 0.0) {
-                return fault(
-                    &light.name,
-                    format!("its radiance is {}", light.radiance),
-                    "use finite values of 0 or more",
-                );
-            }
-            if !(light.albedo.min_element() >= 0.0 && light.albedo.max_element() < 1.0) {
-                return fault(&light.name, format!("its albedo is {}", light.albedo), "use 0 to below 1");
-            }
-        }
+        self.check_lights()?;
         let heights = |role: Role| {
             let all = self.surfaces.iter().filter(move |s| s.role == role).flat_map(|s| &s.mesh.positions);
             all.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], p| [low.min(p.z), high.max(p.z)])
@@ -125,6 +102,78 @@ impl Scene {
                 "use 1 to 1000 events; 8 to 16 are enough for most sensors",
             );
         }
+        self.check_camera()
+    }
+
+    fn check_lights(&self) -> Result<(), Error> {
+        for light in &self.lights {
+            if let LightShape::Mesh(mesh) = &light.shape {
+                mesh.check(&light.name)?;
+            }
+            if let Some(what) = light.shape.fault() {
+                return fault(
+                    &light.name,
+                    what,
+                    "give it a finite extent above 0, edges at right angles, unit directions",
+                );
+            }
+            if light.name.is_empty() {
+                return fault("a light", "it has no name".to_owned(), "give each a name of its own");
+            }
+            if self.lights.iter().filter(|l| l.name == light.name).count() > 1 {
+                return fault(
+                    &light.name,
+                    "several lights have this name".to_owned(),
+                    "give each a name of its own",
+                );
+            }
+            if !is_radiance(light.radiance) {
+                return fault(
+                    &light.name,
+                    format!("its radiance is {:?}", light.radiance.to_array()),
+                    "use 0 to 1e12 in each channel",
+                );
+            }
+            if !(light.albedo.min_element() >= 0.0 && light.albedo.max_element() < 1.0) {
+                return fault(&light.name, format!("its albedo is {}", light.albedo), "use 0 to below 1");
+            }
+        }
+        Ok(())
+    }
+
+    /// A camera that cannot see the pad's face for certain gives a black picture: under the pad, or over a ceiling.
+    fn check_place(&self) -> Result<(), Error> {
+        let at = self.camera.origin;
+        let low = self.surface(Role::Pad).map_or(f32::NEG_INFINITY, |pad| {
+            pad.mesh.positions.iter().fold(f32::INFINITY, |low, p| low.min(p.z))
+        });
+        if low.is_finite() && at.z <= low {
+            return fault(
+                "the camera",
+                format!("it is at z = {} mm, under the pad, which begins at {low} mm", at.z),
+                "put it above the pad: z points from the pad towards the camera",
+            );
+        }
+        let housing = || self.surfaces.iter().filter(|s| s.role == Role::Housing);
+        let top = housing().flat_map(|s| &s.mesh.positions).fold(f32::NEG_INFINITY, |top, p| top.max(p.z));
+        let covers = |corners: [Vec3; 3]| {
+            let [a, b, c] = corners.map(|p| (p - at).truncate());
+            let turns = [a.perp_dot(b), b.perp_dot(c), c.perp_dot(a)];
+            corners.iter().all(|p| top - p.z < CEILING_MM)
+                && (turns.iter().all(|t| *t >= 0.0) || turns.iter().all(|t| *t <= 0.0))
+        };
+        let below = |mesh: &Mesh| (0..mesh.triangles.len()).any(|k| covers(mesh.corners(k)));
+        if at.z >= top && housing().any(|s| below(&s.mesh)) {
+            return fault(
+                "the camera",
+                format!("it is at z = {} mm, and the housing is closed above {top} mm", at.z),
+                "put it below the ceiling, or raise that",
+            );
+        }
+        Ok(())
+    }
+
+    fn check_camera(&self) -> Result<(), Error> {
         let camera = &self.camera;
         let axes = glam::Mat3::from_cols(camera.right, camera.up, camera.forward);
         if !(axes.transpose() * axes).abs_diff_eq(glam::Mat3::IDENTITY, 1e-3) {
@@ -144,12 +193,16 @@ impl Scene {
         if !(camera.origin.is_finite() && camera.tan_half_x > 0.0 && camera.tan_half_x < WIDEST) {
             return fault(
                 "the camera",
-                format!("its half field of view is {} (tangent)", camera.tan_half_x),
-                "use a field of view above 0 and below 179 degrees",
+                format!(
+                    "its horizontal field of view is {} degrees, from {}",
+                    2.0 * camera.tan_half_x.atan().to_degrees(),
+                    camera.origin
+                ),
+                "use a field of view above 0 and below 179 degrees, and a finite place",
             );
         }
-        let corner = glam::Vec2::new(camera.tan_half_x, camera.tan_half_y()).length();
-        if let Some(d) = camera.distortion.filter(|d| !d.reaches(corner)) {
+        self.check_place()?;
+        if let Some(d) = camera.distortion.filter(|_| camera.folds()) {
             return fault(
                 "the camera",
                 format!("its distortion ({}, {}) folds the picture before its corner", d.k1, d.k2),
@@ -198,5 +251,38 @@ impl Material {
                 .or_else(|| unit_fault("reflectance", f0.min_element(), f0.max_element()))
                 .or_else(|| alpha_fault(*alpha)),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::bench_scene::{Variant, parse};
+
+    #[test]
+    fn what_would_give_no_picture_is_refused_with_what_it_is() {
+        let text = include_str!("../../tests/data/optics/tactile-bench-1.json");
+        let told = |change: &dyn Fn(&mut Scene)| {
+            let mut scene = parse(text, Variant::Ac).unwrap();
+            change(&mut scene);
+            scene.check().map_err(|e| e.to_string()).err().unwrap_or_default()
+        };
+        assert_eq!(told(&|_| {}), "");
+        assert_eq!(told(&|s| s.lights[0].radiance = Vec3::splat(1e12)), "");
+        for bad in [1e13, -1.0, f32::INFINITY, f32::NAN] {
+            let told = told(&|s| s.lights[1].radiance.y = bad);
+            assert!(told.contains("radiance") && told.contains("0 to 1e12"), "{told}");
+        }
+        assert!(told(&|s| s.lights[0].name.clear()).contains("no name"));
+        let line = |s: &mut Scene| {
+            let mesh = Mesh { positions: vec![Vec3::Z; 3], triangles: vec![[0, 1, 2]], ..Mesh::default() };
+            s.lights[0].shape = LightShape::Mesh(Arc::new(mesh));
+        };
+        assert!(told(&line).contains("0 mm^2"), "{}", told(&line));
+        assert!(told(&|s| s.camera.tan_half_x = 1e9).contains("180 degrees"));
+        assert!(told(&|s| s.camera.origin.z = -1.0).contains("under the pad"));
+        assert!(told(&|s| s.camera.origin.z = 1e3).contains("closed above"));
+        // Beside its housing a camera may see something.
+        assert_eq!(told(&|s| s.camera.origin = Vec3::splat(1e3)), "");
     }
 }

@@ -331,7 +331,18 @@ impl SensorOptics {
             problems.push("lights", "[]", "at least one light", "add a [[optics.lights]] table");
         }
         for (k, light) in self.lights.iter().enumerate() {
-            problems.within(format!("lights.[{k}]"), |p| light.check(self.housing.as_ref(), p));
+            problems.within(format!("lights.[{k}]"), |p| {
+                let is_taken = self.lights[..k].iter().any(|other| other.name == light.name);
+                if light.name.is_empty() || is_taken {
+                    p.push(
+                        "name",
+                        format!("{:?}", light.name),
+                        "a name that no other light has",
+                        "give each light a name of its own, e.g. \"left\": pictures and records are told apart by it",
+                    );
+                }
+                light.check(self.housing.as_ref(), p);
+            });
         }
         problems.within("coating", |p| {
             p.range("albedo", self.coating.albedo, 0.0, 0.99, "");
@@ -457,6 +468,15 @@ impl LightSpec {
             LightShapeSpec::Tube { from_mm, to_mm, radius_mm } => {
                 point(p, "shape.from_mm", from_mm);
                 point(p, "shape.to_mm", to_mm);
+                let length = from_mm.iter().zip(to_mm).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+                if length < LEAST_TUBE_MM {
+                    p.push(
+                        "shape.to_mm",
+                        format!("{to_mm:?}"),
+                        format!("{LEAST_TUBE_MM} mm or more from shape.from_mm"),
+                        "give both ends of the tube's axis",
+                    );
+                }
                 p.range("shape.radius_mm", *radius_mm, 1e-3, 100.0, "mm");
             }
             LightShapeSpec::Mesh { vertices_mm, triangles } => {
@@ -472,10 +492,30 @@ impl LightSpec {
                 }
                 if triangles.is_empty() {
                     p.push("shape.triangles", "[]", "at least one triangle", "e.g. [[0, 1, 2]]");
+                } else if !triangles.iter().any(|t| beyond(&t)) {
+                    let area: f64 = triangles.iter().map(|t| area(t.map(|k| vertices_mm[k as usize]))).sum();
+                    if area < LEAST_MESH_MM2 {
+                        p.push(
+                            "shape.triangles",
+                            format!("{area} mm^2 in all"),
+                            format!("{LEAST_MESH_MM2} mm^2 or more"),
+                            "give triangles whose corners do not lie on a line",
+                        );
+                    }
                 }
             }
         }
     }
+}
+
+/// The shortest tube, mm.
+const LEAST_TUBE_MM: f64 = 1e-3;
+/// The smallest light of triangles, mm^2.
+const LEAST_MESH_MM2: f64 = 1e-6;
+
+fn area([a, b, c]: [[f64; 3]; 3]) -> f64 {
+    let [a, b, c] = [a, b, c].map(glam::DVec3::from_array);
+    (b - a).cross(c - a).length() / 2.0
 }
 
 impl MarkerSpec {

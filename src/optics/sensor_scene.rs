@@ -5,6 +5,7 @@ use super::surface::DisplacedSurface;
 use super::{
     Albedo, Camera, Error, Light, LightShape, Material, Mesh, Role, Scene, Surface, Texture, camera, from_pad,
 };
+use crate::problem::Problems;
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
 
@@ -70,6 +71,57 @@ pub fn scene(
     let scene = Scene { surfaces, lights: lights(sensor), camera: camera_of(sensor), max_events };
     scene.check()?;
     Ok(scene)
+}
+
+/// Reports, at the sensor's keys, what no renderer takes of the untouched sensor: what is found here does not end a session.
+/// The values by themselves are the business of [`SensorOptics::check`], and in range.
+pub fn check(sensor: &SensorOptics, untouched: &DisplacedSurface, problems: &mut Problems) {
+    if let (true, Some(distortion)) = (camera_of(sensor).folds(), sensor.camera.distortion) {
+        problems.push(
+            "camera.distortion",
+            format!("{distortion:?}"),
+            "coefficients with which the picture reaches its corners without folding over",
+            "use coefficients nearer to 0: those of a calibration hold within its pictures",
+        );
+    } else if let Err(e) = scene(sensor, untouched, None) {
+        let (key, what, next) = match e {
+            Error::Scene { part, what, next } => (key_of(sensor, &part), what, next),
+            other => (String::new(), other.to_string(), "correct it in the sensor file".to_owned()),
+        };
+        problems.push(&key, what, "what can be rendered", next);
+    }
+}
+
+/// What of a sensor the fast mode has no way for, at its key of the sensor file. The mode itself would tell what
+/// it finds of the scene.
+pub fn not_fast(sensor: &SensorOptics) -> Option<Error> {
+    let refuse = |key, value: String, what: &str| Some(Error::NotFast { key, value, what: what.to_owned() });
+    let (roughness, radius) = (sensor.coating.roughness, sensor.camera.aperture_radius_mm);
+    if roughness < 1.0 {
+        return refuse("optics.coating.roughness", roughness.to_string(), "1 only, a diffuse coating");
+    }
+    if radius > 0.0 {
+        return refuse("optics.camera.aperture_radius_mm", radius.to_string(), "0 only, a pinhole");
+    }
+    let of_triangles = |light: &&super::sensor::LightSpec| matches!(light.shape, LightShapeSpec::Mesh { .. });
+    let light = sensor.lights.iter().find(of_triangles)?;
+    refuse("optics.lights", format!("{:?}, a mesh", light.name), "rectangles, discs and tubes only")
+}
+
+/// The key of what a scene calls a part.
+fn key_of(sensor: &SensorOptics, part: &str) -> String {
+    match part {
+        "the camera" => "camera".to_owned(),
+        "the pad" => "plate.gap_mm".to_owned(),
+        "the light" => "max_events".to_owned(),
+        "pad" => "coating".to_owned(),
+        "plate" => "plate".to_owned(),
+        "housing" | "the housing" => "housing".to_owned(),
+        name => match sensor.lights.iter().position(|light| light.name == name) {
+            Some(k) => format!("lights[{k}]"),
+            None => String::new(),
+        },
+    }
 }
 
 /// Reflectance of a metal flake at normal incidence (aluminium).

@@ -43,9 +43,9 @@ impl Slab {
     pub fn of(scene: &Scene) -> Result<Option<Self>, Error> {
         let mut plates = scene.surfaces.iter().filter(|s| s.role == Role::Plate);
         let Some(plate) = plates.next() else { return Ok(None) };
-        let refused = |what: &str| Err(super::unsupported("plate", &plate.name, what));
+        let refused = |value: &str, what: &str| Err(super::unsupported("plate", value, what));
         let Material::Dielectric { ior } = plate.material else {
-            return refused("smooth plates");
+            return refused(plate.material.kind(), "clear plates with smooth faces only");
         };
         let z = |mesh: &Mesh| {
             let heights = mesh.positions.iter().map(|p| p.z);
@@ -57,15 +57,19 @@ impl Slab {
             || plate.mesh.triangles.len() != 12
             || !plate.mesh.positions.iter().all(on_a_face)
         {
-            return refused("one plate with level faces");
+            return refused("several, or one whose faces lean", "one plate with level faces only");
         }
         let camera = &scene.camera;
         if camera.forward.dot(Vec3::NEG_Z) < 1.0 - 1e-5 || camera.origin.z <= high {
-            return refused("plates under a camera that looks straight down on them");
+            let value = format!("up to z = {high} mm, the camera at {} mm", camera.origin.z);
+            return refused(&value, "plates under a camera that looks straight down on them only");
         }
         let pad = scene.surface(Role::Pad).map_or(f32::NEG_INFINITY, |pad| z(&pad.mesh)[1]);
         if pad >= low {
-            return refused("plates above the pad");
+            return refused(
+                &format!("from z = {low} mm, the pad up to {pad} mm"),
+                "plates above the pad only",
+            );
         }
         let across = |mesh: &Mesh| mesh.positions.iter().map(|p| p.truncate()).collect::<Vec<_>>();
         let bounds = |points: &[Vec2]| {
@@ -76,7 +80,8 @@ impl Slab {
         if let Some(within) = scene.surface(Role::Housing).or(scene.surface(Role::Pad)) {
             let [low, high] = bounds(&across(&within.mesh));
             if from.cmpgt(low + SLIT_MM).any() || to.cmplt(high - SLIT_MM).any() {
-                return refused("plates as wide as the walls that they stand between");
+                let value = format!("x {} to {} mm, y {} to {} mm", from.x, to.x, from.y, to.y);
+                return refused(&value, "plates as wide as the walls that they stand between only");
             }
         }
         if scene.max_events < LEAST_EVENTS {
@@ -86,7 +91,8 @@ impl Slab {
         for light in &scene.lights {
             let [from, to] = z(&light.shape.tessellate());
             if to > low && from < high {
-                return refused("plates that no light reaches into");
+                let value = format!("z {low} to {high} mm, light {:?} {from} to {to} mm", light.name);
+                return refused(&value, "plates that no light reaches into only");
             }
         }
         Ok(Some(Self { low, high, ior }))

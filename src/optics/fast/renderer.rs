@@ -48,7 +48,7 @@ impl<'a> Renderer<'a> {
             });
         }
         let Material::Lambert { albedo } = &pad.material else {
-            return Err(unsupported("coating", &pad.name, "only diffuse coatings"));
+            return Err(unsupported("coating", pad.material.kind(), "diffuse coatings only"));
         };
         if matches!(albedo, Albedo::Texture(_)) && pad.mesh.uvs.is_empty() {
             return Err(Error::Scene {

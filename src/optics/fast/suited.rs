@@ -54,8 +54,11 @@ const MOST_GRAIN: usize = 4;
 /// The lights, where all of them have a closed form.
 pub(super) fn sources_of(scene: &Scene) -> Result<Vec<Source>, Error> {
     let source = |light: &Light| {
-        Source::new(light)
-            .ok_or_else(|| unsupported("lights", &light.name, "only one-sided lights that are no meshes"))
+        Source::new(light).ok_or_else(|| {
+            let kind = if light.two_sided { "shines on both sides" } else { "is a mesh" };
+            let value = format!("{:?}, which {kind}", light.name);
+            unsupported("lights", &value, "one-sided rectangles, discs and tubes only")
+        })
     };
     scene.lights.iter().map(source).collect()
 }
@@ -73,11 +76,13 @@ pub(super) fn lit_from_within(
         let points = light.shape.tessellate().positions;
         let outside = |p: &Vec3| p.cmplt(from - BESIDE_MM).any() || p.cmpgt(to + BESIDE_MM).any();
         if from.x < to.x && points.iter().any(outside) {
-            return Err(unsupported("lights", &light.name, "lights within the walls"));
+            let value = format!("{:?}, beyond the walls", light.name);
+            return Err(unsupported("lights", &value, "lights within the walls only"));
         }
         let over = |p: &Vec3| p.truncate().cmpge(low).all() && p.truncate().cmple(high).all();
         if points.iter().any(|p| over(p) && p.z < face(p.truncate())) {
-            return Err(unsupported("lights", &light.name, "lights above the pad's face"));
+            let value = format!("{:?}, under the pad's face", light.name);
+            return Err(unsupported("lights", &value, "lights above the pad's face only"));
         }
     }
     Ok(())

@@ -116,14 +116,16 @@ impl World {
                 continue;
             }
             let Material::Lambert { albedo } = &surface.material else {
-                return Err(super::unsupported("material", &surface.name, "only diffuse surfaces"));
+                let value = format!("{} ({})", surface.material.kind(), surface.name);
+                return Err(super::unsupported("material", &value, "diffuse surfaces only"));
             };
             let albedo = match albedo {
                 Albedo::Constant(c) => *c,
                 // Only the pad's own texture is drawn; in the light that walls exchange its mean stands for it.
                 Albedo::Texture(t) if surface.role == Role::Pad => t.mean(),
                 Albedo::Texture(_) => {
-                    return Err(super::unsupported("material", &surface.name, "walls of one colour"));
+                    let value = format!("a texture ({})", surface.name);
+                    return Err(super::unsupported("material", &value, "walls of one colour only"));
                 }
             };
             world.add(&surface.mesh, albedo, None, None);
