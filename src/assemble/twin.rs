@@ -20,11 +20,10 @@ pub enum TwinError {
 pub fn twin(setup: &Setup) -> Result<Twin, TwinError> {
     let sensor = setup.sensor.as_ref().ok_or(TwinError::NoSensor)?;
     let (rig, optics) = (&setup.rig, setup.rig.optics);
+    let traced = reference::Settings { samples: optics.samples, seed: optics.seed };
     let method = match optics.mode {
-        OpticsMode::Reference => {
-            Method::Reference(reference::Settings { samples: optics.samples, seed: optics.seed })
-        }
-        OpticsMode::Fast => Method::Fast { tolerance: optics.tolerance },
+        OpticsMode::Reference => Method::Reference(traced),
+        OpticsMode::Fast => Method::Fast { tolerance: optics.tolerance, fallback: traced },
     };
     let indenters = setup.plan.as_ref().map_or_else(BTreeMap::new, |p| p.bodies());
     Ok(Twin {

@@ -120,7 +120,7 @@ impl Simulation {
                     .twin
                     .picture(&deformed.pad, wear, deformed.captures[0])
                     .map_err(CollectionError::from)
-                    .and_then(|picture| self.store(&deformed, &picture, wear));
+                    .and_then(|picture| self.store(&deformed, &picture));
                 stored.map_err(|e| failure = Some(e)).is_ok()
             }
         };
@@ -132,12 +132,7 @@ impl Simulation {
         }
     }
 
-    fn store(
-        &self,
-        deformed: &crate::twin::Deformed,
-        picture: &Picture,
-        wear: &Wear,
-    ) -> Result<(), CollectionError> {
+    fn store(&self, deformed: &crate::twin::Deformed, picture: &Picture) -> Result<(), CollectionError> {
         let png = png::encode(&picture.image)?;
         let tiff = depth::encode(picture.image.width, picture.image.height, &picture.depth_mm)?;
         let contact = png::encode_mask(&picture.contact)?;
@@ -158,8 +153,8 @@ impl Simulation {
                     crate::elastomer::Friction::Coefficient(mu) => Some(mu),
                 },
                 // What was truly done: where the fast mode cannot, the reference mode was used.
-                optics_mode: wear.method().name().into(),
-                spp: wear.method().samples(),
+                optics_mode: picture.method.name().into(),
+                spp: picture.method.samples(),
                 seed: self.twin.seed,
                 elastomer_ms: deformed.took.as_secs_f64() * 1e3,
                 render_ms: picture.took.as_secs_f64() * 1e3,

@@ -278,7 +278,8 @@ fn effects(settings: &Settings, clock: &Clock) -> Result<Vec<Effect>, Error> {
         || {
             let seen = reuse.or_render(pad, || {
                 let light = fast_frame(&once, &ball.scene)?;
-                Ok::<Seen, Error>(Seen { light, estimated_error: None, sights: Vec::new() })
+                let sights = Vec::new();
+                Ok::<Seen, Error>(Seen { light, estimated_error: None, sights, not_fast: None })
             })?;
             Ok(seen.light.clone())
         },

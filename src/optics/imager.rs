@@ -7,7 +7,7 @@
 use super::ratio::Worn;
 use super::reuse::{Reuse, Seen};
 use super::sensor::{SensorOptics, TextureMode};
-use super::sensor_scene::{face, scene};
+use super::sensor_scene::{face, not_fast, scene};
 use super::store::Store;
 use super::surface::DisplacedSurface;
 use super::{Error, Film, Role, Scene, Texture, fast, imaging, markers, reference};
@@ -35,6 +35,8 @@ pub enum Method {
     Fast {
         /// relRMSE asked for.
         tolerance: f64,
+        /// What path tracing is asked for where the fast mode cannot (at least [`FALLBACK_SAMPLES`]).
+        fallback: reference::Settings,
     },
 }
 
@@ -72,6 +74,13 @@ pub enum Notice {
         /// Samples a pixel.
         samples: u32,
     },
+    /// The fast mode renders this sensor, but not this pad: the reference mode does, once.
+    PictureFellBack {
+        /// Why.
+        why: String,
+        /// Samples a pixel.
+        samples: u32,
+    },
     /// A picture may be worse than was asked for.
     AboveTolerance {
         /// relRMSE to expect.
@@ -84,13 +93,16 @@ pub enum Notice {
 impl std::fmt::Display for Notice {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Notice::FellBack { why, samples } => {
-                write!(
-                    f,
-                    "pictures are made in the reference mode, {samples} samples a pixel, which is slow: {why} \
-                     (optics.mode = \"reference\" in the rig file takes it without this warning)"
-                )
-            }
+            Notice::FellBack { why, samples } => write!(
+                f,
+                "pictures are made in the reference mode, {samples} samples a pixel, which is slow: {why}. \
+                 An optics.samples above {samples} in the rig file takes more samples, and less noise"
+            ),
+            Notice::PictureFellBack { why, samples } => write!(
+                f,
+                "the picture is made in the reference mode, {samples} samples a pixel, which is slow: {why}. \
+                 An optics.samples above {samples} in the rig file takes more samples, and less noise"
+            ),
             Notice::AboveTolerance { estimated, tolerance } => write!(
                 f,
                 "the picture's relRMSE is estimated at {:.2} %, above the {:.2} % asked for; \
@@ -102,8 +114,8 @@ impl std::fmt::Display for Notice {
     }
 }
 
-/// Samples a pixel where the fast mode falls back.
-const FALLBACK_SAMPLES: u32 = 64;
+/// Fewest samples a pixel where the fast mode falls back: who asked for a small error gets no picture of noise.
+pub const FALLBACK_SAMPLES: u32 = 64;
 
 /// A sensor ready to be seen.
 #[derive(Debug, Clone)]
@@ -133,7 +145,9 @@ pub struct Picture {
     pub depth_mm: Vec<f32>,
     /// relRMSE to expect of the light (fast mode).
     pub estimated_error: Option<f64>,
-    /// Set when that is above what was asked for.
+    /// How its light was truly rendered.
+    pub method: Method,
+    /// Set when the error is above what was asked for, or the picture was left to the reference mode.
     pub notice: Option<Notice>,
     /// Seconds for mesh and tree.
     pub build_s: f64,
@@ -199,17 +213,19 @@ impl Imager {
         let rest = imager.scene(&untouched.at_rest())?;
         imager.engine = match method.into() {
             Method::Reference(settings) => Engine::Reference(settings),
-            Method::Fast { tolerance } => {
-                let prepared = match store {
-                    Some(store) => store.prepare(&rest).map(|(once, _)| once),
-                    None => fast::Precomputed::new(&rest),
+            Method::Fast { tolerance, fallback } => {
+                let samples = fallback.samples.max(FALLBACK_SAMPLES);
+                let fallback = reference::Settings { samples, ..fallback };
+                let prepared = match (not_fast(sensor), store) {
+                    (Some(why), _) => Err(why),
+                    (None, Some(store)) => store.prepare(&rest).map(|(once, _)| once),
+                    (None, None) => fast::Precomputed::new(&rest),
                 };
                 match prepared {
-                    Ok(once) => Engine::Fast(Arc::new(once), tolerance),
+                    Ok(once) => Engine::Fast { once: Arc::new(once), tolerance, fallback },
                     Err(why @ Error::NotFast { .. }) => {
-                        let samples = FALLBACK_SAMPLES;
                         imager.notices.push(Notice::FellBack { why: why.to_string(), samples });
-                        Engine::Reference(reference::Settings { samples, seed: 0 })
+                        Engine::Reference(fallback)
                     }
                     Err(e) => return Err(e),
                 }
@@ -227,7 +243,9 @@ impl Imager {
     pub fn method(&self) -> Method {
         match &self.engine {
             Engine::Reference(settings) => Method::Reference(*settings),
-            Engine::Fast(_, tolerance) => Method::Fast { tolerance: *tolerance },
+            Engine::Fast { tolerance, fallback, .. } => {
+                Method::Fast { tolerance: *tolerance, fallback: *fallback }
+            }
         }
     }
 
@@ -247,7 +265,7 @@ impl Imager {
         let (seen, made_ready) = self.seen(&scene)?;
         let made_ready = made_ready.unwrap_or_else(Instant::now);
         let build_s = made_ready.duration_since(start).as_secs_f64();
-        let Seen { light, estimated_error, sights } = &*seen;
+        let Seen { light, estimated_error, sights, not_fast } = &*seen;
         let estimated_error = *estimated_error;
         let rgb = match (&self.background, self.sensor.texture) {
             (Some(background), TextureMode::Ratio) => {
@@ -258,15 +276,19 @@ impl Imager {
             _ => imaging::expose(light, &self.sensor.image, self.exposure, index),
         };
         let depth_mm = sights.iter().map(|s| s.map_or(f32::NAN, |s| s.point.z)).collect();
-        let notice = match (&self.engine, estimated_error) {
-            (Engine::Fast(_, tolerance), Some(estimated)) if estimated > *tolerance => {
-                Some(Notice::AboveTolerance { estimated, tolerance: *tolerance })
+        let (method, notice) = match (self.method(), not_fast, estimated_error) {
+            (Method::Fast { fallback, .. }, Some(why), _) => {
+                let notice = Notice::PictureFellBack { why: why.clone(), samples: fallback.samples };
+                (Method::Reference(fallback), Some(notice))
             }
-            _ => None,
+            (method @ Method::Fast { tolerance, .. }, None, Some(estimated)) if estimated > tolerance => {
+                (method, Some(Notice::AboveTolerance { estimated, tolerance }))
+            }
+            (method, ..) => (method, None),
         };
         let render_s = made_ready.elapsed().as_secs_f64();
         let light = light.clone();
-        Ok(Picture { rgb, light, depth_mm, estimated_error, notice, build_s, render_s })
+        Ok(Picture { rgb, light, depth_mm, estimated_error, method, notice, build_s, render_s })
     }
 
     fn scene(&self, surface: &DisplacedSurface) -> Result<Scene, Error> {
@@ -278,10 +300,10 @@ impl Imager {
     fn seen(&self, scene: &Scene) -> Result<(Arc<Seen>, Option<Instant>), Error> {
         let mut ready = None;
         let mut render = || {
-            let renderer = self.renderer(scene)?;
+            let (renderer, not_fast) = self.renderer(scene)?;
             ready = Some(Instant::now());
             let (light, estimated_error) = renderer.render();
-            Ok(Seen { light, estimated_error, sights: renderer.sights() })
+            Ok(Seen { light, estimated_error, sights: renderer.sights(), not_fast })
         };
         let seen = match scene.surface(Role::Pad) {
             Some(pad) => self.reuse.or_render(&pad.mesh, render)?,
@@ -290,15 +312,22 @@ impl Imager {
         Ok((seen, ready))
     }
 
-    fn renderer(&self, scene: &Scene) -> Result<Ready<'_>, Error> {
-        Ok(match &self.engine {
-            Engine::Reference(settings) => {
-                Ready::Reference(Box::new(reference::Renderer::new(scene)?), *settings)
+    /// The renderer of a scene, and why it is not the fast one where that was asked for: one pad that the fast mode cannot
+    /// render is no reason to lose those that come after it.
+    fn renderer(&self, scene: &Scene) -> Result<(Ready<'_>, Option<String>), Error> {
+        let traced = |settings: &reference::Settings| {
+            reference::Renderer::new(scene).map(|renderer| Ready::Reference(Box::new(renderer), *settings))
+        };
+        match &self.engine {
+            Engine::Reference(settings) => Ok((traced(settings)?, None)),
+            Engine::Fast { once, tolerance, fallback } => {
+                match fast::Renderer::new(once, scene, *tolerance) {
+                    Ok(renderer) => Ok((Ready::Fast(Box::new(renderer)), None)),
+                    Err(why @ Error::NotFast { .. }) => Ok((traced(fallback)?, Some(why.to_string()))),
+                    Err(e) => Err(e),
+                }
             }
-            Engine::Fast(once, tolerance) => {
-                Ready::Fast(Box::new(fast::Renderer::new(once, scene, *tolerance)?))
-            }
-        })
+        }
     }
 }
 
@@ -306,7 +335,7 @@ impl Imager {
 #[derive(Debug, Clone)]
 enum Engine {
     Reference(reference::Settings),
-    Fast(Arc<fast::Precomputed>, f64),
+    Fast { once: Arc<fast::Precomputed>, tolerance: f64, fallback: reference::Settings },
 }
 
 /// A renderer with its settings.
@@ -389,6 +418,9 @@ mod tests {
         }
     }
 
+    const FAST: Method =
+        Method::Fast { tolerance: 0.005, fallback: reference::Settings { samples: 16, seed: 0 } };
+
     fn pressed() -> DisplacedSurface {
         let mut s = DisplacedSurface::flat(65, 65, [16.0, 16.0]);
         for p in &mut s.positions {
@@ -439,7 +471,7 @@ mod tests {
         let rest = DisplacedSurface::flat(33, 33, [16.0, 16.0]);
         let mut sensor = small_sensor(TextureMode::None);
         (sensor.camera.width_px, sensor.camera.height_px, sensor.camera.mm_per_px) = (16, 12, 0.75);
-        let fast = Method::Fast { tolerance: 0.005 };
+        let fast = FAST;
         let folder = std::env::temp_dir().join(format!("twinrig-optics-{}", std::process::id()));
         let store = Store::new(&folder);
         let imager = Imager::with_store(&sensor, fast, None, &rest, Some(&store)).unwrap();
@@ -463,13 +495,42 @@ mod tests {
         sensor.coating.roughness = 0.5;
         let imager = Imager::new(&sensor, fast, None, &rest).unwrap();
         let [Notice::FellBack { why, .. }] = imager.notices() else { panic!("no notice") };
-        assert!(why.contains("diffuse"), "{why}");
-        assert_eq!(imager.picture(&rest, 0).unwrap().estimated_error, None);
+        assert!(why.contains("optics.coating.roughness = 0.5") && why.contains("diffuse"), "{why}");
+        let picture = imager.picture(&rest, 0).unwrap();
+        assert_eq!(picture.estimated_error, None);
         // What a record is told is what was truly done.
-        assert_eq!(
-            (imager.method().name(), imager.method().samples()),
-            ("reference", Some(FALLBACK_SAMPLES))
-        );
+        let truly = |method: Method| (method.name(), method.samples());
+        assert_eq!(truly(imager.method()), ("reference", Some(FALLBACK_SAMPLES)));
+        assert_eq!(truly(picture.method), truly(imager.method()));
+        // More samples than the usual are taken where they are asked for.
+        let many = reference::Settings { samples: 100, seed: 5 };
+        let imager =
+            Imager::new(&sensor, Method::Fast { tolerance: 0.005, fallback: many }, None, &rest).unwrap();
+        assert_eq!(imager.method(), Method::Reference(many));
+        let told = imager.notices()[0].to_string();
+        assert!(told.contains("100 samples") && told.contains("optics.samples"), "{told}");
+    }
+
+    #[test]
+    fn a_pad_that_the_fast_mode_cannot_render_is_traced_and_those_after_it_are_not() {
+        let rest = DisplacedSurface::flat(33, 33, [16.0, 16.0]);
+        let mut sensor = small_sensor(TextureMode::None);
+        (sensor.camera.width_px, sensor.camera.height_px, sensor.camera.mm_per_px) = (16, 12, 0.75);
+        let imager = Imager::new(&sensor, FAST, None, &rest).unwrap();
+        let mut deep = rest.clone();
+        deep.positions.iter_mut().for_each(|p| p.z -= 3.5 * (-(p.x * p.x + p.y * p.y) / 8.0).exp());
+        let picture = imager.picture(&deep, 0).unwrap();
+        assert_eq!((picture.method.name(), picture.method.samples()), ("reference", Some(64)));
+        assert_eq!(picture.estimated_error, None);
+        let Some(Notice::PictureFellBack { why, samples: 64 }) = &picture.notice else {
+            panic!("{:?}", picture.notice)
+        };
+        assert!(why.contains("-1.5 to 3 mm"), "{why}");
+        // Seen again it is told again, though it is not rendered again.
+        assert_eq!(imager.picture(&deep, 1).unwrap().notice, picture.notice);
+        let after = imager.picture(&pressed(), 2).unwrap();
+        assert_eq!(after.method.name(), "fast");
+        assert!(imager.notices().is_empty() && after.estimated_error.is_some());
     }
 
     #[test]
@@ -498,7 +559,7 @@ mod tests {
         let rgb = dusty();
         let background = Background { width: 48, height: 36, rgb: &rgb };
         let reference = Method::Reference(reference::Settings { samples: 4, seed: 2 });
-        for method in [reference, Method::Fast { tolerance: 0.005 }] {
+        for method in [reference, FAST] {
             let imager = Imager::new(&sensor, method, Some(background), &rest).unwrap();
             assert_eq!(imager.picture(&rest, 0).unwrap().rgb, rgb, "{}", method.name());
             let mut touched = rest.clone();

@@ -17,6 +17,8 @@ pub struct Seen {
     pub estimated_error: Option<f64>,
     /// What the centre of each pixel sees.
     pub sights: Vec<Option<Sight>>,
+    /// Why the fast mode left it to the reference mode, where it did.
+    pub not_fast: Option<String>,
 }
 
 /// Pictures kept by their pad: the first and the last.
@@ -70,7 +72,12 @@ mod tests {
             let render = || {
                 rendered.set(rendered.get() + 1);
                 let light = Film { width: 1, height: 1, pixels: vec![Vec3::splat(z)] };
-                Ok::<Seen, std::fmt::Error>(Seen { light, estimated_error: None, sights: Vec::new() })
+                Ok::<Seen, std::fmt::Error>(Seen {
+                    light,
+                    estimated_error: None,
+                    sights: Vec::new(),
+                    not_fast: None,
+                })
             };
             reuse.or_render(&pad(z), render).unwrap().light.pixels[0].x
         };

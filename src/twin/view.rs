@@ -30,8 +30,14 @@ pub struct View {
 pub struct Wear {
     imager: Imager,
     shape: PadShape,
-    /// Whether it was said that a picture is above the tolerance: once is enough.
-    told: Arc<AtomicBool>,
+    told: Arc<Told>,
+}
+
+/// What was said of a picture: once is enough.
+#[derive(Debug, Default)]
+struct Told {
+    above_tolerance: AtomicBool,
+    fell_back: AtomicBool,
 }
 
 /// A simulated capture, as the camera would give it.
@@ -47,7 +53,9 @@ pub struct Picture {
     pub contact_box_px: Option<[u32; 4]>,
     /// relRMSE to expect of its light (fast mode).
     pub estimated_error: Option<f64>,
-    /// Set when that is above what was asked for.
+    /// How its light was truly rendered, for the record: after a fall back that is not what was asked for.
+    pub method: Method,
+    /// Set when the error is above what was asked for, or the picture was left to the reference mode.
     pub notice: Option<Notice>,
     /// Time it took.
     pub took: Duration,
@@ -61,14 +69,27 @@ impl Picture {
 }
 
 impl Wear {
-    /// How light is truly rendered, for the record: after a fall back that is not what was asked for.
-    pub fn method(&self) -> Method {
-        self.imager.method()
-    }
-
     /// What holds for all pictures, such as a fall back to the reference mode.
     pub fn notices(&self) -> &[Notice] {
         self.imager.notices()
+    }
+
+    /// Warns of the first picture of its kind, and notes the others.
+    fn tell(&self, capture: u32, notice: &Notice) {
+        let (told, others) = match notice {
+            Notice::AboveTolerance { .. } => (
+                &self.told.above_tolerance,
+                "Others may be above it, too: light_error and light_meets_tolerance are kept of each",
+            ),
+            Notice::FellBack { .. } | Notice::PictureFellBack { .. } => {
+                (&self.told.fell_back, "Others may be, too: optics_mode and spp are kept of each")
+            }
+        };
+        if told.swap(true, Ordering::Relaxed) {
+            tracing::info!("capture {capture}: {notice}");
+        } else {
+            tracing::warn!("capture {capture}: {notice}. {others}");
+        }
     }
 }
 
@@ -115,16 +136,8 @@ impl View {
         let image = image::Picture { width, height, rgb: seen.rgb };
         let contact = contact_mask(&self.sensor, pad);
         let contact_box_px = self.contact_box(&contact);
-        match &seen.notice {
-            Some(notice @ Notice::AboveTolerance { .. }) if !wear.told.swap(true, Ordering::Relaxed) => {
-                tracing::warn!(
-                    "capture {capture}: {notice}. Others may be above it, too: light_error and \
-                     light_meets_tolerance are kept of each"
-                );
-            }
-            Some(notice @ Notice::AboveTolerance { .. }) => tracing::info!("capture {capture}: {notice}"),
-            Some(notice) => tracing::warn!("capture {capture}: {notice}"),
-            None => {}
+        if let Some(notice) = &seen.notice {
+            wear.tell(capture, notice);
         }
         Ok(Picture {
             image,
@@ -132,6 +145,7 @@ impl View {
             contact,
             contact_box_px,
             estimated_error: seen.estimated_error,
+            method: seen.method,
             notice: seen.notice,
             took: begun.elapsed(),
         })
