@@ -116,6 +116,26 @@ pub enum Error {
         /// What the fast mode can do.
         what: String,
     },
+    /// A file was read, but is not what it should be.
+    #[error("{path}: {reason}; {next}")]
+    Content {
+        /// The file.
+        path: String,
+        /// What is wrong with it.
+        reason: String,
+        /// What to do about it.
+        next: &'static str,
+    },
+    /// What the caller gave makes no sense, by itself or together with the rest.
+    #[error("{name} = {value}: {why}")]
+    Argument {
+        /// What the caller calls it, e.g. an option of the command line.
+        name: &'static str,
+        /// The offending value.
+        value: String,
+        /// The allowed range and the next move.
+        why: String,
+    },
     /// A setting makes no sense together with the scene.
     #[error("optics.{key} = {value}: {why}")]
     Setting {

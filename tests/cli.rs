@@ -429,3 +429,37 @@ fn no_message_has_a_number_of_three_hundred_digits() {
         assert!(said.contains("1e300") && !said.contains("00000000000"), "{said}");
     }
 }
+
+#[test]
+fn what_optics_cannot_do_is_refused_before_the_work() {
+    const SCENE: &str = "tests/data/optics/tactile-bench-1.json";
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name).to_str().expect("a path").to_owned();
+    let (out, nowhere, file) = (at("a.npy"), at("none/a.npy"), at("file"));
+    std::fs::write(&file, "").expect("a file");
+    let cases: [(&[&str], &str); 11] = [
+        (&["render", SCENE, "--out", &out, "--tolerance", "0.01"], "--mode fast"),
+        (&["render", SCENE, "--out", &out, "--mode", "fast", "--seed", "3"], "--mode reference"),
+        (&["render", SCENE, "--out", &out, "--mode", "fast", "--spp", "3"], "--mode reference"),
+        (&["render", SCENE, "--out", &out, "--mode", "fast", "--tolerance", "7"], "0.0001 to 0.5"),
+        (&["render", SCENE, "--out", &out, "--size", "0x4"], "1 to 16384"),
+        (&["render", SCENE, "--out", &nowhere], "cannot write"),
+        (&["render", SCENE, "--out", &out, "--basis", &file], "cannot write"),
+        (&["bench", "optics", "--cases", "zzz"], "glossy coat"),
+        (&["bench", "optics", "--cases", "glossy", "--tolerance", "7"], "0.0001 to 0.5"),
+        (&["stress", "optics", "--tolerance", "9"], "0.0001 to 0.5"),
+        (&["simulate", VIRTUAL, SMALL, "--out", &nowhere, "--surface", "--background", &file], "--render"),
+    ];
+    for (args, says) in cases {
+        let output = run(args);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{args:?}: {said}");
+        assert!(said.contains(says), "{args:?}: {said}");
+    }
+    let left: Vec<_> = std::fs::read_dir(folder.path()).expect("a list").collect();
+    assert_eq!(left.len(), 1, "{left:?}");
+    // What is full is known too late: that is a failure.
+    std::os::unix::fs::symlink("/dev/full", &out).expect("a link");
+    let output = run(&["render", SCENE, "--out", &out, "--size", "8x6", "--spp", "1"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+}

@@ -1,6 +1,8 @@
 //! Options that several subcommands share.
 
+use crate::optics::fast::TOLERANCES;
 use clap::Args;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 /// A rig file with overrides.
@@ -40,9 +42,44 @@ pub struct Speed {
     pub speed: f64,
 }
 
+/// A raster as WIDTHxHEIGHT, with so many pixels each way.
+pub fn raster(text: &str, allowed: RangeInclusive<usize>) -> Result<[usize; 2], String> {
+    let parsed = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    parsed.filter(|raster| raster.iter().all(|n| allowed.contains(n))).ok_or_else(|| {
+        let (least, most) = (allowed.start(), allowed.end());
+        format!("{text:?} is no raster; write WIDTHxHEIGHT with {least} to {most} each, e.g. 320x240")
+    })
+}
+
+/// A relRMSE that the fast optics may be asked for: the range of a rig file's optics.tolerance.
+pub fn tolerance(text: &str) -> Result<f64, String> {
+    let [least, most] = TOLERANCES;
+    match text.parse::<f64>() {
+        Ok(tolerance) if (least..=most).contains(&tolerance) => Ok(tolerance),
+        _ => Err(format!("{text:?} is no error from {least} to {most}; 0.005 asks for half a percent")),
+    }
+}
+
 fn parse_speed(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(speed) if (0.1..=1000.0).contains(&speed) => Ok(speed),
         _ => Err(format!("{text:?} is not a speed from 0.1 to 1000; 1 is real time")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tolerances_and_rasters_are_told_what_is_allowed() {
+        assert_eq!(tolerance("0.01"), Ok(0.01));
+        for bad in ["7", "0", "-1", "NaN", "x", "0.00001"] {
+            assert!(tolerance(bad).unwrap_err().contains("from 0.0001 to 0.5"), "{bad}");
+        }
+        assert_eq!(raster("640x480", 1..=640), Ok([640, 480]));
+        for bad in ["640", "641x4", "0x4", "4x", "4x-1"] {
+            assert!(raster(bad, 1..=640).unwrap_err().contains("1 to 640 each"), "{bad}");
+        }
     }
 }

@@ -6,6 +6,8 @@ use crate::optics::film::srgb_to_linear;
 use crate::optics::sensor_basis::SensorCamera;
 use crate::optics::{Error, Film};
 use glam::Vec3;
+use std::fs::OpenOptions;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// Exposure of a picture for a look: that of the benchmark scene's 8-bit metric.
@@ -43,7 +45,11 @@ pub(super) fn read(path: &Path, camera: Option<&SensorCamera>) -> Result<Read, E
         let tells = film.pixels.iter().map(|p| p.is_finite()).collect();
         return Ok(Read { film, tells, is_on_chip: false });
     }
-    let picture = png::decode(&bytes).map_err(|e| failed(e.to_string()))?;
+    let picture = png::decode(&bytes).map_err(|e| Error::Content {
+        path: path.display().to_string(),
+        reason: e.to_string(),
+        next: "give a picture as .npy (linear float32), .png or .jpg",
+    })?;
     let [width, height] = [picture.width as usize, picture.height as usize];
     if let Some(camera) = camera {
         let (film, tells) = camera.undone(width, height, &picture.rgb);
@@ -57,6 +63,40 @@ pub(super) fn read(path: &Path, camera: Option<&SensorCamera>) -> Result<Read, E
         tells.push(!codes.contains(&u8::MAX));
     }
     Ok(Read { film, tells, is_on_chip: false })
+}
+
+/// Whether a picture can be written there: told before the work of rendering it. Nothing is left behind.
+///
+/// # Errors
+/// What writing it would end with.
+pub(super) fn can_be_written(path: &Path) -> Result<(), Error> {
+    let tried = match path.metadata() {
+        Ok(there) if there.is_file() => OpenOptions::new().append(true).open(path).map(drop),
+        Ok(there) if there.is_dir() => Err(io::Error::from(io::ErrorKind::IsADirectory)),
+        // Opening a pipe to look at it would end what reads from it.
+        Ok(_) => Ok(()),
+        Err(_) => made_and_removed(path),
+    };
+    tried.map_err(|e| unwritable(path, &e))
+}
+
+/// The same of a folder that may have to be made first.
+///
+/// # Errors
+/// What filling it would end with.
+pub(super) fn can_be_filled(folder: &Path) -> Result<(), Error> {
+    let there = folder.ancestors().find(|a| a.exists()).unwrap_or(Path::new("."));
+    let probe = there.join(format!(".twinrig-{}", std::process::id()));
+    made_and_removed(&probe).map_err(|e| unwritable(folder, &e))
+}
+
+fn made_and_removed(path: &Path) -> io::Result<()> {
+    OpenOptions::new().write(true).create_new(true).open(path).map(drop)?;
+    std::fs::remove_file(path)
+}
+
+fn unwritable(path: &Path, error: &io::Error) -> Error {
+    Error::File { action: "write", path: path.display().to_string(), reason: error.to_string() }
 }
 
 /// Writes the picture in the format that the ending says.
@@ -88,6 +128,30 @@ mod tests {
         // Half a code value near 1 is 1 % of the light.
         assert!((pixels[0] / film.pixels[0] - 1.0).abs().max_element() < 0.01, "{}", pixels[0]);
         assert_eq!(pixels[2], Vec3::ZERO);
+    }
+
+    #[test]
+    fn places_that_take_no_picture_are_told_beforehand_and_those_that_do_are_left_as_they_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::write(at("there.npy"), "what was there").unwrap();
+        for good in ["there.npy", "new.npy"] {
+            can_be_written(&at(good)).unwrap();
+        }
+        for bad in ["", "none/a.npy", "there.npy/a.npy"] {
+            assert!(can_be_written(&at(bad)).unwrap_err().to_string().contains("cannot write"), "{bad}");
+        }
+        for good in ["", "new", "new/inner"] {
+            can_be_filled(&at(good)).unwrap();
+        }
+        for bad in ["there.npy", "there.npy/inner"] {
+            assert!(can_be_filled(&at(bad)).unwrap_err().to_string().contains("cannot write"), "{bad}");
+        }
+        can_be_filled(Path::new("no-such-folder")).unwrap();
+        let left: Vec<_> =
+            std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+        assert_eq!(left, ["there.npy"]);
+        assert_eq!(std::fs::read_to_string(at("there.npy")).unwrap(), "what was there");
     }
 
     #[test]

@@ -12,6 +12,7 @@ use super::exit::Exit;
 use super::picture_file::{self, Read};
 use super::screen;
 use crate::optics::basis_folder::{self, Contents};
+use crate::optics::light::is_radiance;
 use crate::optics::sensor::MOST_ENERGY;
 use crate::optics::sensor_basis::{SensorCamera, Written};
 use crate::optics::{Error, Film, LightBasis};
@@ -83,8 +84,8 @@ impl Args {
         let camera = camera.as_ref();
         for (name, radiance) in &self.lights {
             let Some(k) = basis.names.iter().position(|n| n == name) else {
-                return Err(Error::Setting {
-                    key: "lights",
+                return Err(Error::Argument {
+                    name: "--light",
                     value: format!("{name:?}"),
                     why: format!("the folder's lights are {}", basis.names.join(", ")),
                 });
@@ -124,8 +125,8 @@ impl Fit {
     fn of(path: &Path, basis: &LightBasis, camera: Option<&SensorCamera>) -> Result<Self, Error> {
         let Read { film: target, tells, is_on_chip } = picture_file::read(path, camera)?;
         if !tells.contains(&true) {
-            return Err(Error::Setting {
-                key: "--fit",
+            return Err(Error::Argument {
+                name: "--fit",
                 value: format!("a picture of {} x {} pixels", target.width, target.height),
                 why: "all of its pixels are at the end of the scale; take one with a shorter exposure (or, if it \
                       is black, a longer one)"
@@ -213,10 +214,8 @@ fn parse_light(text: &str) -> Result<(String, Vec3), String> {
     let values: Vec<f32> =
         colour.split(',').map(|v| v.trim().parse().ok()).collect::<Option<_>>().ok_or_else(usage)?;
     match values[..] {
-        [r, g, b] if values.iter().all(|v| v.is_finite() && *v >= 0.0) => {
-            Ok((name.to_owned(), Vec3::new(r, g, b)))
-        }
-        [_, _, _] => Err(format!("{text:?}: radiances are finite and 0 or more")),
+        [r, g, b] if is_radiance(Vec3::new(r, g, b)) => Ok((name.to_owned(), Vec3::new(r, g, b))),
+        [_, _, _] => Err(format!("{text:?}: radiances are 0 to 1e12")),
         _ => Err(usage()),
     }
 }
@@ -404,7 +403,9 @@ mod tests {
     #[test]
     fn colours_are_three_numbers_from_0_up() {
         assert_eq!(parse_light("blue=1, 2.5,0").unwrap(), ("blue".to_owned(), Vec3::new(1.0, 2.5, 0.0)));
-        for bad in ["blue", "blue=1,2", "blue=1,2,x", "blue=1,2,-3", "blue=1,2,NaN", "=1,2,3,4"] {
+        for bad in
+            ["blue", "blue=1,2", "blue=1,2,x", "blue=1,2,-3", "blue=1,2,NaN", "blue=1,2,1e13", "=1,2,3,4"]
+        {
             assert!(parse_light(bad).is_err(), "{bad}");
         }
     }

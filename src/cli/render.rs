@@ -5,11 +5,11 @@
 //! frame, so that cost can be compared with error, and the error that the fast mode expects, with whether that is within
 //! `--tolerance`: where it is not, a warning says so. A frame's seconds fall into what makes the changed pad ready (its
 //! tree or heights; as long for any number of samples) and the light itself. `--basis FOLDER` renders one picture a
-//! light, whose colours [`relight`](super::relight) changes without rendering. A sensor's PNG is what its camera would
-//! give, without noise.
+//! light, whose colours [`relight`](super::relight) changes without rendering; the fast mode states no error of those. A
+//! sensor's PNG is what its camera would give, without noise.
 
 use super::exit::Exit;
-use super::{picture_file, screen};
+use super::{options, picture_file, screen};
 use crate::config::{ConfigError, sensor_file};
 use crate::optics::basis_folder::{self, Contents};
 use crate::optics::bench_scene::Variant;
@@ -35,25 +35,26 @@ pub struct Args {
     /// How: reference (path tracing) or fast
     #[arg(long, default_value = "reference", value_parser = parse_mode)]
     pub mode: Mode,
-    /// Samples per pixel (reference mode)
-    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    pub spp: u32,
-    /// Error asked for (fast mode)
-    #[arg(long, default_value_t = 0.005)]
-    pub tolerance: f64,
+    /// Samples per pixel (reference mode; 64 unless given)
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub spp: Option<u32>,
+    /// Error asked for (fast mode; 0.005 unless given)
+    #[arg(long, value_parser = options::tolerance)]
+    pub tolerance: Option<f64>,
     /// Raster as WIDTHxHEIGHT; the scene's or sensor's own by default
-    #[arg(long, value_name = "WxH")]
-    pub size: Option<String>,
+    #[arg(long, value_name = "WxH", value_parser = |text: &str| options::raster(text, 1..=16_384))]
+    pub size: Option<[usize; 2]>,
     /// Render this many times
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub repeat: u32,
-    /// Seed of the samples
-    #[arg(long, default_value_t = 0)]
-    pub seed: u32,
+    /// Seed of the samples (reference mode; 0 unless given)
+    #[arg(long)]
+    pub seed: Option<u32>,
     /// Where to write the picture (.npy, or .png for a look; of a sensor as its camera gives it, but for the noise)
     #[arg(long, value_name = "FILE", value_parser = picture_file::parse)]
     pub out: PathBuf,
-    /// Render one picture a light and write them here; the picture is then made of them
+    /// Render one picture a light and write them here; the picture is then made of them. The fast mode states no error
+    /// of such pictures: estimated_error and meets_tolerance are null
     #[arg(long, value_name = "FOLDER")]
     pub basis: Option<PathBuf>,
     /// Print one JSON document with the seconds
@@ -67,15 +68,35 @@ impl Args {
         match self.render() {
             Ok(times) if times.meets_tolerance == Some(false) => {
                 let estimated = times.estimated_error.unwrap_or_default();
-                screen::warning(Notice::AboveTolerance { estimated, tolerance: self.tolerance });
+                screen::warning(Notice::AboveTolerance { estimated, tolerance: self.tolerance() });
                 self.tell(&times)
             }
             Ok(times) => self.tell(&times),
-            Err(e) => {
+            Err((e, exit)) => {
                 screen::error(e);
-                Exit::Refused
+                exit
             }
         }
+    }
+
+    fn tolerance(&self) -> f64 {
+        self.tolerance.unwrap_or(0.005)
+    }
+
+    /// Refuses options of the other mode: who gives one expects it to do something.
+    fn options_of_its_mode(&self) -> Result<(), Error> {
+        let given = [
+            ("--tolerance", self.tolerance.map(|v| v.to_string()), Mode::Fast, "fast"),
+            ("--spp", self.spp.map(|v| v.to_string()), Mode::Reference, "reference"),
+            ("--seed", self.seed.map(|v| v.to_string()), Mode::Reference, "reference"),
+        ];
+        for (name, value, mode, its) in given {
+            if let Some(value) = value.filter(|_| mode != self.mode) {
+                let why = format!("only the {its} mode has it; leave it out, or render with --mode {its}");
+                return Err(Error::Argument { name, value, why });
+            }
+        }
+        Ok(())
     }
 
     fn tell(&self, times: &Times) -> Exit {
@@ -104,25 +125,35 @@ impl Args {
         }
     }
 
-    pub(super) fn render(&self) -> Result<Times, RenderError> {
+    /// Renders and writes. What can be told beforehand is refused; once there is a picture, losing it is a failure.
+    pub(super) fn render(&self) -> Result<Times, (RenderError, Exit)> {
+        let refused = |e: Error| (RenderError::from(e), Exit::Refused);
+        let failed = |e: Error| (RenderError::from(e), Exit::Failed);
+        self.options_of_its_mode().map_err(refused)?;
+        picture_file::can_be_written(&self.out).map_err(refused)?;
+        if let Some(folder) = &self.basis {
+            picture_file::can_be_filled(folder).map_err(refused)?;
+        }
         let request = Request {
             variant: self.variant.unwrap_or(Variant::Ac),
             mode: self.mode,
-            samples: self.spp,
-            tolerance: self.tolerance,
-            size: self.size.as_deref().map(raster).transpose()?,
+            samples: self.spp.unwrap_or(64),
+            tolerance: self.tolerance(),
+            size: self.size,
             repeat: self.repeat,
-            seed: self.seed,
+            seed: self.seed.unwrap_or(0),
             basis: self.basis.is_some(),
             store: crate::assemble::cache::optics_store(),
         };
-        let (Rendered { picture, basis, times }, camera) = match self.is_of_sensor() {
-            true => self.render_sensor(&self.scene, &request)?,
-            false => (render_file(&self.scene, &request)?, None),
+        let rendered = match self.is_of_sensor() {
+            true => self.render_sensor(&self.scene, &request),
+            false => render_file(&self.scene, &request).map(|r| (r, None)).map_err(RenderError::from),
         };
-        picture_file::write(&self.out, &picture, camera.as_ref())?;
+        let (Rendered { picture, basis, times }, camera) = rendered.map_err(|e| (e, Exit::Refused))?;
+        picture_file::write(&self.out, &picture, camera.as_ref()).map_err(failed)?;
         if let (Some(folder), Some(basis)) = (&self.basis, basis) {
-            basis_folder::write(folder, &Contents { basis, radiances: times.radiances.clone(), camera })?;
+            let contents = Contents { basis, radiances: times.radiances.clone(), camera };
+            basis_folder::write(folder, &contents).map_err(failed)?;
         }
         Ok(times)
     }
@@ -155,15 +186,6 @@ pub(super) enum RenderError {
     /// An option that sensors do not have.
     #[error("--variant {0:?}: a sensor has no variants, only scene files have; leave it out")]
     VariantOfSensor(Variant),
-}
-
-fn raster(size: &str) -> Result<[usize; 2], Error> {
-    let parsed = size.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-    parsed.filter(|raster| raster.iter().all(|n| (1..=16_384).contains(n))).ok_or_else(|| Error::Setting {
-        key: "size",
-        value: size.to_owned(),
-        why: "write WIDTHxHEIGHT with 1 to 16384 each, e.g. 640x480".to_owned(),
-    })
 }
 
 fn parse_variant(text: &str) -> Result<Variant, String> {

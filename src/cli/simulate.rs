@@ -109,11 +109,14 @@ impl Args {
 
     fn simulate(&self, setup: &Setup, cancel: &Arc<AtomicBool>) -> Result<Summary, SimulateError> {
         let begun = Instant::now();
+        let is_rendered = self.render || !self.surface;
+        if let Some(path) = self.background.clone().filter(|_| !is_rendered) {
+            return Err(SimulateError::Unworn { path });
+        }
         let plan = setup.plan.as_ref().ok_or(SimulateError::NoPlan)?;
         let trajectory = &plan.trajectory;
         let twin = assemble::twin(setup)?;
         let wanted = self.wanted(trajectory.captures.len() as u32)?;
-        let is_rendered = self.render || !self.surface;
         let wear = if is_rendered { Some(self.wear(&twin)?) } else { None };
 
         self.belongs_here(trajectory)?;
@@ -312,6 +315,8 @@ fn line(trajectory: &Trajectory, capture: u32, deformed: &Deformed, picture: Opt
     });
     if let Some(picture) = picture {
         line["render_seconds"] = serde_json::json!(picture.took.as_secs_f64());
+        line["optics_mode"] = serde_json::json!(picture.method.name());
+        line["spp"] = serde_json::json!(picture.method.samples());
         line["light_error"] = serde_json::json!(picture.estimated_error);
         line["light_meets_tolerance"] = serde_json::json!(picture.meets_tolerance());
     }
@@ -350,6 +355,7 @@ impl SimulateError {
             Self::NoPlan
             | Self::Occupied { .. }
             | Self::Twin(_)
+            | Self::Unworn { .. }
             | Self::Read { .. }
             | Self::Size { .. }
             | Self::Sensor(_)
@@ -378,6 +384,11 @@ enum SimulateError {
     Dataset(#[from] crate::dataset::Error),
     #[error("cannot write {}: {why}; check --out and the space left", path.display())]
     Write { path: PathBuf, why: String },
+    #[error(
+        "--background {}: with --surface nothing is rendered that could wear it; add --render, or leave it out",
+        path.display()
+    )]
+    Unworn { path: PathBuf },
     #[error("--background {}: {why}; give a PNG of the untouched sensor", path.display())]
     Read { path: PathBuf, why: String },
     #[error(

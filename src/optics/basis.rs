@@ -41,8 +41,8 @@ impl LightBasis {
         let n = self.films.len();
         let differs = |f: &&Film| (f.width, f.height) != (picture.width, picture.height);
         if let Some(f) = self.films.iter().find(differs) {
-            return Err(Error::Setting {
-                key: "picture to be fitted",
+            return Err(Error::Argument {
+                name: "the picture to be fitted",
                 value: format!("{} x {} pixels", picture.width, picture.height),
                 why: format!("the simulated ones have {} x {}; scale or crop it to that", f.width, f.height),
             });

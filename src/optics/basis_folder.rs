@@ -2,6 +2,7 @@
 //! lights in order with the radiances that the scene has for them. Of a sensor there is `sensor.json`, too: its camera, and
 //! the energies in its file.
 
+use super::light::is_radiance;
 use super::sensor_basis::SensorCamera;
 use super::{Error, Film, LightBasis};
 use glam::Vec3;
@@ -85,7 +86,16 @@ fn read_camera(path: &Path) -> Result<Option<SensorCamera>, Error> {
 pub fn read(folder: &Path) -> Result<Contents, Error> {
     let path = folder.join(LIST);
     let text = std::fs::read_to_string(&path).map_err(|e| fault("read", &path, &e))?;
-    let list: Vec<Entry> = serde_json::from_str(&text).map_err(|e| fault("read", &path, &e))?;
+    let wrong = |reason: String| Error::Content {
+        path: path.display().to_string(),
+        reason,
+        next: "write the folder anew with `twinrig render --basis`",
+    };
+    let list: Vec<Entry> = serde_json::from_str(&text).map_err(|e| wrong(e.to_string()))?;
+    if let Some(entry) = list.iter().find(|e| !is_radiance(Vec3::from_array(e.radiance))) {
+        let Entry { light, radiance, .. } = entry;
+        return Err(wrong(format!("the radiance of {light} is {radiance:?}, allowed are 0 to 1e12")));
+    }
     let mut films = Vec::new();
     for entry in &list {
         let path = folder.join(&entry.file);
@@ -94,7 +104,7 @@ pub fn read(folder: &Path) -> Result<Contents, Error> {
     }
     let size = |f: &Film| [f.width, f.height];
     if films.is_empty() || films.iter().any(|f| size(f) != size(&films[0])) {
-        return Err(fault("read", &path, &"its pictures are none, or of several sizes"));
+        return Err(wrong("its pictures are none, or of several sizes".to_owned()));
     }
     let radiances = list.iter().map(|e| Vec3::from_array(e.radiance)).collect();
     let basis = LightBasis { names: list.into_iter().map(|e| e.light).collect(), films };
@@ -125,7 +135,24 @@ mod tests {
             write(&folder, &contents).unwrap();
             assert_eq!(read(&folder).unwrap(), contents);
         }
-        std::fs::remove_file(folder.join("1_right.npy")).unwrap();
+        // What is there but wrong is no matter of paths and permissions.
+        let list = std::fs::read_to_string(folder.join(LIST)).unwrap();
+        for (from, to, what) in [
+            ("2.0", "-2.0", "allowed are 0 to 1e12"),
+            ("2.0", "2e13", "allowed are 0 to 1e12"),
+            ("radiance", "radience", "radience"),
+        ] {
+            std::fs::write(folder.join(LIST), list.replacen(from, to, 1)).unwrap();
+            let told = read(&folder).unwrap_err().to_string();
+            assert!(told.contains(what) && !told.contains("permissions"), "{told}");
+        }
+        std::fs::write(folder.join(LIST), list).unwrap();
+        let picture = folder.join("1_right.npy");
+        let doubles = String::from_utf8_lossy(&film(2.0).to_npy()).replace("<f4", "<f8");
+        std::fs::write(&picture, doubles).unwrap();
+        let told = read(&folder).unwrap_err().to_string();
+        assert!(told.contains("1_right.npy") && !told.contains("permissions"), "{told}");
+        std::fs::remove_file(picture).unwrap();
         assert!(read(&folder).unwrap_err().to_string().contains("1_right.npy"));
         std::fs::remove_dir_all(&folder).unwrap();
     }

@@ -70,10 +70,10 @@ impl Film {
     /// # Errors
     /// When the bytes are no little-endian float32 C-order array of shape (h, w, 3); `path` is named.
     pub fn from_npy(bytes: &[u8], path: &str) -> Result<Self, Error> {
-        let fault = |reason: &str| Error::File {
-            action: "read",
+        let fault = |reason: &str| Error::Content {
             path: path.to_owned(),
             reason: format!("{reason} (expected npy 1.0, float32, shape (h, w, 3))"),
+            next: "write it anew, e.g. with numpy.save(path, picture.astype(numpy.float32))",
         };
         if bytes.len() < 10 || &bytes[..8] != b"\x93NUMPY\x01\x00" {
             return Err(fault("no npy header"));

@@ -72,7 +72,7 @@ pub struct Times {
     pub radiances: Vec<Vec3>,
     /// Whether what is needed once was there from an earlier run.
     pub prepared_before: bool,
-    /// relRMSE to expect (fast mode).
+    /// relRMSE to expect (fast mode); of a basis none is stated.
     pub estimated_error: Option<f64>,
     /// Whether that is within the tolerance asked for.
     pub meets_tolerance: Option<bool>,

@@ -7,8 +7,8 @@
 
 use super::{load::cpu_seconds, optics_plot};
 use crate::cli::exit::Exit;
-use crate::cli::screen;
-use crate::optics::bench::cases::Case;
+use crate::cli::{options, screen};
+use crate::optics::bench::cases::{self, Case};
 use crate::optics::bench::{Point, Report, Settings, run};
 use crate::optics::bench_scene::Variant;
 use std::fmt::Write;
@@ -24,7 +24,7 @@ pub struct Args {
     #[arg(long)]
     pub quick: bool,
     /// Raster of the pictures
-    #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = raster)]
+    #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = |text: &str| options::raster(text, 8..=4096))]
     pub size: [usize; 2],
     /// Samples a pixel of each of the two judging pictures
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(2..=65_536))]
@@ -33,7 +33,7 @@ pub struct Args {
     #[arg(long, value_name = "WHICH", num_args = 0..=1, default_missing_value = "")]
     pub cases: Option<String>,
     /// Tolerance of the hard cases
-    #[arg(long, default_value_t = 0.005)]
+    #[arg(long, default_value_t = 0.005, value_parser = options::tolerance, requires = "cases")]
     pub tolerance: f64,
     /// Write NAME.csv, NAME.svg and NAME.json
     #[arg(long, value_name = "NAME")]
@@ -46,6 +46,16 @@ pub struct Args {
 impl Args {
     /// Runs the benchmark.
     pub fn run(self) -> Exit {
+        if let Some(which) = &self.cases {
+            let names = cases::names();
+            if !names.iter().any(|name| name.contains(which)) {
+                screen::error(format_args!(
+                    "--cases {which:?} is part of no case's name; they are:\n  {}",
+                    names.join("\n  ")
+                ));
+                return Exit::Refused;
+            }
+        }
         let cases = self.cases.clone().map(|which| (which, self.tolerance));
         let settings = match (self.quick, cases.is_some()) {
             (_, true) => Settings {
@@ -186,11 +196,4 @@ fn csv(report: &Report) -> String {
         };
     }
     text
-}
-
-fn raster(size: &str) -> Result<[usize; 2], String> {
-    let parsed = size.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-    parsed
-        .filter(|raster| raster.iter().all(|n| (8..=4096).contains(n)))
-        .ok_or_else(|| format!("{size:?} is no raster; write WIDTHxHEIGHT with 8 to 4096 each, e.g. 320x240"))
 }

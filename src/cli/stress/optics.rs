@@ -7,7 +7,7 @@
 //! with code 1.
 
 use crate::cli::exit::Exit;
-use crate::cli::screen;
+use crate::cli::{options, screen};
 use crate::optics::stress::{Outcome, Settings, Verdict, run};
 
 /// Try odd pads, lights, scales and scenes on the fast optics
@@ -18,7 +18,7 @@ pub struct Args {
     #[arg(long)]
     pub quick: bool,
     /// Error asked for
-    #[arg(long, default_value_t = 0.005)]
+    #[arg(long, default_value_t = 0.005, value_parser = options::tolerance)]
     pub tolerance: f64,
     /// Print one JSON document
     #[arg(long)]

@@ -104,6 +104,11 @@ fn cases(size: [usize; 2]) -> Vec<(String, Make)> {
     cases
 }
 
+/// Names of all cases.
+pub fn names() -> Vec<String> {
+    cases([1, 1]).into_iter().map(|(name, _)| name).collect()
+}
+
 fn alone(trial: Trial, light: usize) -> Trial {
     trial.changed(|scene| {
         let others = scene.lights.iter_mut().enumerate().filter(|(k, _)| *k != light);
