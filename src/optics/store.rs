@@ -3,12 +3,14 @@
 //! The optics read no environment and no configuration: whoever puts the program together (`assemble`) says which
 //! folder, or none. A file is named by the hash of everything its content follows from; it carries its own sum, is written
 //! beside its place and then renamed, so a torn or altered file is noticed, told, and made anew. Failing to write is told,
-//! too, and costs nothing but the time of the next run.
+//! too, and costs nothing but the time of the next run. What was not used for longest makes room for what is new.
 
 use super::fast::Precomputed;
 use super::{Error, Scene};
+use std::fs::OpenOptions;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 /// A folder of prepared sensors.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -18,6 +20,8 @@ pub struct Store {
 
 /// Of every file.
 const MAGIC: &[u8; 16] = b"twinrig optics 1";
+/// Most that the folder holds, bytes: about forty sensors of 640 x 480 pixels.
+const MOST_BYTES: u64 = 1 << 30;
 
 impl Store {
     /// In a folder, which is made when something is to be kept.
@@ -34,7 +38,10 @@ impl Store {
         let path = self.folder.join(format!("{}.bin", blake3::Hash::from(key).to_hex()));
         match read(&path, &key) {
             Ok(Some(content)) => match Precomputed::decode(untouched, &content)? {
-                Some(once) => return Ok((once, true)),
+                Some(once) => {
+                    touch(&path);
+                    return Ok((once, true));
+                }
                 None => tracing::warn!("{} does not fit its sensor; it is made anew", path.display()),
             },
             Ok(None) => {}
@@ -47,7 +54,42 @@ impl Store {
                 path.display()
             );
         }
+        prune(&self.folder, &path, MOST_BYTES);
         Ok((once, false))
+    }
+}
+
+/// Marks a file as used now. Where that fails it merely seems older than it is.
+fn touch(path: &Path) {
+    if let Ok(file) = OpenOptions::new().append(true).open(path) {
+        drop(file.set_modified(SystemTime::now()));
+    }
+}
+
+/// Removes files, the oldest first, until the rest and `kept` have at most so many bytes together.
+fn prune(folder: &Path, kept: &Path, most: u64) {
+    let ours = |path: &Path| path.extension().is_some_and(|e| e == "bin" || e == "tmp");
+    let mut files: Vec<(SystemTime, u64, PathBuf)> = std::fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .filter(|entry| ours(&entry.path()))
+        .filter_map(|entry| {
+            let about = entry.metadata().ok().filter(std::fs::Metadata::is_file)?;
+            Some((about.modified().ok()?, about.len(), entry.path()))
+        })
+        .collect();
+    files.sort();
+    let mut total: u64 = files.iter().map(|(_, bytes, _)| bytes).sum();
+    for (_, bytes, path) in files.iter().filter(|(_, _, path)| path != kept) {
+        if total <= most {
+            return;
+        }
+        match std::fs::remove_file(path) {
+            Ok(()) => total -= bytes,
+            // Another process may have made room meanwhile.
+            Err(e) => tracing::debug!("{} cannot be removed: {e}", path.display()),
+        }
     }
 }
 
@@ -84,4 +126,36 @@ fn write(path: &Path, key: &[u8; 32], content: &[u8]) -> io::Result<()> {
         drop(std::fs::remove_file(&beside));
     }
     written
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn what_was_not_used_for_longest_makes_room_and_what_is_not_ours_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let long_ago = SystemTime::now() - Duration::from_secs(1000);
+        for (age, name) in ["a.bin", "b.bin", "c.1.tmp", "d.bin", "notes.txt"].into_iter().enumerate() {
+            std::fs::write(at(name), [0; 100]).unwrap();
+            let file = OpenOptions::new().append(true).open(at(name)).unwrap();
+            file.set_modified(long_ago + Duration::from_secs(age as u64)).unwrap();
+        }
+        let left = || {
+            let names = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name());
+            let mut names: Vec<String> = names.map(|n| n.into_string().unwrap()).collect();
+            names.sort();
+            names
+        };
+        prune(folder.path(), &at("d.bin"), 400);
+        assert_eq!(left().len(), 5);
+        touch(&at("a.bin"));
+        prune(folder.path(), &at("d.bin"), 200);
+        assert_eq!(left(), ["a.bin", "d.bin", "notes.txt"]);
+        // What was just written stays, however large.
+        prune(folder.path(), &at("d.bin"), 1);
+        assert_eq!(left(), ["d.bin", "notes.txt"]);
+    }
 }
