@@ -316,13 +316,14 @@ mod tests {
     }
 
     fn render(mode: Mode, sensor: &Path, out: &str) {
-        let mode = if mode == Mode::Fast { "fast" } else { "reference" };
+        let words = match mode {
+            Mode::Fast => ["--mode", "fast", "--tolerance", "0.01"],
+            Mode::Reference => ["--mode", "reference", "--spp", "16"],
+        };
         let folder = sensor.parent().unwrap();
         let (out, basis) = (folder.join(out), folder.join("basis"));
-        let words =
-            ["render", sensor.to_str().unwrap(), "--mode", mode, "--spp", "16", "--tolerance", "0.01"];
-        let words = words.map(PathBuf::from).into_iter();
-        let places = [PathBuf::from("--out"), out, PathBuf::from("--basis"), basis];
+        let words = ["render"].into_iter().chain(words).map(PathBuf::from);
+        let places = [sensor.to_owned(), PathBuf::from("--out"), out, PathBuf::from("--basis"), basis];
         Render::parse_from(words.chain(places)).args.render().unwrap();
     }
 
