@@ -56,7 +56,12 @@ impl Scheme {
     pub fn new(pad: &Pad, settings: &Settings) -> Result<Self, Error> {
         const STATIC: &str = "set elastomer.mode = \"quasi_static\"";
         if settings.mode == Mode::QuasiStatic {
-            return Err(refused("elastomer.mode", "quasi_static", "mpm or impm", "this solver is explicit"));
+            return Err(refused(
+                "elastomer.mode",
+                "quasi_static",
+                "mpm or impm",
+                "choose one of them: this solver is explicit",
+            ));
         }
         if pad.shape != PadShape::Cuboid {
             return Err(refused(
@@ -94,8 +99,8 @@ impl Scheme {
             }
         };
         positive(youngs_key, youngs, " MPa", "correct it")?;
-        positive("pad.material.density_g_mm3", density, " g/mm^3", "the predecessor's is 1")?;
-        positive("elastomer.speed_mm_s", settings.speed_mm_s, " mm/s", "the predecessor's is 200")?;
+        positive("pad.material.density_g_mm3", density, " g/mm^3", "choose e.g. the predecessor's 1")?;
+        positive("elastomer.speed_mm_s", settings.speed_mm_s, " mm/s", "choose e.g. the predecessor's 200")?;
         if !(0.0..=0.499).contains(&poisson) {
             return Err(refused(poisson_key, poisson, "0 to 0.499", "choose a value in that range"));
         }
@@ -164,10 +169,15 @@ impl Scheme {
             ));
         }
         if settings.mode == Mode::Impm {
-            positive("elastomer.rest_threshold", settings.rest_threshold, "", "the paper's is 0.5")?;
+            positive("elastomer.rest_threshold", settings.rest_threshold, "", "choose e.g. the paper's 0.5")?;
             positive("elastomer.rest_floor_mm_s", settings.rest_floor_mm_s, " mm/s", "leave it out for 1")?;
             if settings.rest_limit == 0 {
-                return Err(refused("elastomer.rest_limit", 0, "at least 1", "a step takes a pass"));
+                return Err(refused(
+                    "elastomer.rest_limit",
+                    0,
+                    "at least 1",
+                    "choose 1 or more: a step takes a pass",
+                ));
             }
         }
         let moduli_pa = Moduli { mu, lambda };
