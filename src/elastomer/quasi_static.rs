@@ -10,7 +10,7 @@
 //!
 //! A path is followed in increments ([`level`]), first on coarse grids, whose answers are the guesses of finer ones
 //! ([`cascade`], [`bridge`]); what an increment leaves behind is the displacement and, with friction, the anchors of the
-//! points that touch; a capture lays the face on what it touches ([`laid`]). Nothing is computed before the first touch. An increment that does not converge is halved, and
+//! points that touch. Nothing is computed before the first touch. An increment that does not converge is halved, and
 //! given up with a typed error in the end. What an answer lacks it states ([`level`], [`probe`], [`symmetry`]), and
 //! where that is too much, finer cells are tried (`refinement`).
 
@@ -28,7 +28,6 @@ pub mod cholesky;
 pub mod contact;
 pub mod frames;
 pub mod grid;
-pub mod laid;
 pub mod lanes;
 pub mod law;
 pub mod layer;

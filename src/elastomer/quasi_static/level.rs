@@ -6,7 +6,6 @@ use super::chart::Chart;
 use super::contact::{Contacts, STICK_STRENGTH};
 use super::frames::Frames;
 use super::grid::Grid;
-use super::laid::Face;
 use super::layer::RestLayer;
 use super::newton::{Machine, Newton, Outcome, Problem, State};
 use super::operator::Operator;
@@ -515,15 +514,6 @@ impl Level {
                 contact.push(patch.contains(x / grid.size[0] + 0.5, y / grid.size[1] + 0.5));
             }
         }
-        let across = |n: usize, size: f64, cell_mm: f64| (cell_mm * (n - 1) as f64 / size).ceil() as usize;
-        let face = Face {
-            nx,
-            positions: &mut positions,
-            pressed: &contact,
-            across: [across(nx, grid.size[0], grid.hx), across(ny, grid.size[1], grid.hy)],
-            cell_mm: grid.hx.max(grid.hy),
-        };
-        face.lie_on(indenter, &self.at.pose);
         let (force, torque) = self.at.contacts.resultant(&self.at.pose);
         let stats = SolverStats {
             iterations: self.newton.iterations,
