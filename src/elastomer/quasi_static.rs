@@ -25,6 +25,7 @@ pub mod bridge;
 pub mod cascade;
 pub mod chart;
 pub mod cholesky;
+mod compliance;
 pub mod contact;
 pub mod frames;
 pub mod grid;
@@ -37,6 +38,7 @@ pub mod newton;
 pub mod operator;
 pub mod probe;
 mod refinement;
+mod relief;
 pub mod resolution;
 pub mod springs;
 pub mod stack;
@@ -52,7 +54,9 @@ pub(super) use body::check;
 use cascade::{FINEST, Patience, REFINED, Step, follow, rest_at};
 use level::Level;
 use refinement::UNRESOLVED;
+use relief::Splined;
 pub use resolution::Resolution;
+use resolution::sees_edges;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -201,6 +205,40 @@ impl QuasiStaticSolver {
     }
 }
 
+impl QuasiStaticSolver {
+    /// What the finest level has to tell, the face under edges in finer relief than its splines have.
+    fn face(&self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
+        let (level, indenter) = (self.finest(), self.indenter.as_ref());
+        let (grid, size) = (level.grid(), self.pad.size_mm);
+        let cell_mm = [grid.hx, grid.hy];
+        let spacing = [size[0] / nx.saturating_sub(1) as f64, size[1] / ny.saturating_sub(1) as f64];
+        let finer = relief::finer(spacing, cell_mm).filter(|_| sees_edges(indenter, size, grid.hx));
+        let Some([mx, my]) = finer else { return level.capture(indenter, nx, ny) };
+        let mut capture = level.capture(indenter, mx * (nx - 1) + 1, my * (ny - 1) + 1)?;
+        let loads = level.loads();
+        let splined = Splined {
+            body: &self.pad,
+            indenter,
+            pose: level.pose(),
+            cell_mm,
+            pressure: &|x, y| loads.at(x / size[0] + 0.5, y / size[1] + 0.5),
+            force_n: capture.forces.normal_force_n,
+        };
+        let shape = self.pad.shape;
+        let pressed = |contact: &[bool]| contact.iter().filter(|c| **c).count() as f64;
+        let before = pressed(&capture.contact);
+        splined.relieve(&mut capture.surface, &mut capture.contact, |x, y| {
+            shape.face_height_mm([size[0], size[1]], [x, y])
+        });
+        capture.stats.contact_area_mm2 *= pressed(&capture.contact) / before.max(1.0);
+        let picked = |k: usize| my * (k / nx) * (mx * (nx - 1) + 1) + mx * (k % nx);
+        capture.surface.positions = (0..nx * ny).map(|k| capture.surface.positions[picked(k)]).collect();
+        capture.contact = (0..nx * ny).map(|k| capture.contact[picked(k)]).collect();
+        (capture.surface.nx, capture.surface.ny) = (nx, ny);
+        Ok(capture)
+    }
+}
+
 impl Elastomer for QuasiStaticSolver {
     // On a thread of the pool: from any other, every parallel loop would wait for one to wake.
     fn advance(&mut self, pose: &Pose) -> Result<(), Error> {
@@ -208,7 +246,7 @@ impl Elastomer for QuasiStaticSolver {
     }
 
     fn capture(&mut self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
-        let mut capture = self.finest().capture(self.indenter.as_ref(), nx, ny)?;
+        let mut capture = self.face(nx, ny)?;
         // The coarser grids have worked for this answer, too.
         let mut sums = std::mem::take(&mut self.spent);
         for (sum, n) in sums.iter_mut().zip(take_counters(&mut self.levels)) {

@@ -147,7 +147,7 @@ impl Default for Settings {
             rest_limit: 20,
             rest_floor_mm_s: 1.0,
             base: Base::BondedLayers,
-            surface: [201, 201],
+            surface: [401, 401],
         }
     }
 }

@@ -23,6 +23,7 @@ mod side;
 
 pub use self::friction::STICK_STRENGTH;
 use self::friction::{Anchor, FrictionLaw, SLIP_SOFTNESS, STICK_SOFTNESS};
+pub use self::patch::Loads;
 use self::side::{Entry, Side};
 use super::chart::Chart;
 use super::grid::{Grid, uniform_values};

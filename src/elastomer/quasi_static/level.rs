@@ -3,7 +3,7 @@
 use super::super::{ContactForces, ElastomerCapture, Error, SolverStats, Surface};
 use super::body::Body;
 use super::chart::Chart;
-use super::contact::{Contacts, STICK_STRENGTH};
+use super::contact::{Contacts, Loads, STICK_STRENGTH};
 use super::frames::Frames;
 use super::grid::Grid;
 use super::layer::RestLayer;
@@ -445,6 +445,11 @@ impl Level {
             false => 0.0,
         };
         Some((misfit + askew) / depth + outcome.residual + FRICTION_TO_ERROR * self.at.unsettled)
+    }
+
+    /// What presses the face.
+    pub fn loads(&self) -> Loads {
+        self.at.contacts.loads()
     }
 
     /// Refuses contact beside the pad or too close to its edge.

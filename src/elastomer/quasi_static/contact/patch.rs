@@ -22,6 +22,49 @@ impl Contacts {
     }
 }
 
+impl Contacts {
+    /// What presses along z.
+    pub fn loads(&self) -> Loads {
+        let per_axis = self.per_axis;
+        let size = [(self.cx - 2) * per_axis, (self.plane / self.cx - 2) * per_axis];
+        let mut pressure = vec![0.0; size[0] * size[1]];
+        for a in &self.active {
+            let (i, j) = (a.cell[0] * per_axis + a.sub % per_axis, a.cell[1] * per_axis + a.sub / per_axis);
+            pressure[j * size[0] + i] = -a.force.z / self.area;
+        }
+        Loads { size, pressure }
+    }
+}
+
+/// What presses the face along z, between the sample points, too.
+#[derive(Debug)]
+pub struct Loads {
+    /// Samples along x and y.
+    size: [usize; 2],
+    /// MPa on the flat.
+    pressure: Vec<f64>,
+}
+
+impl Loads {
+    /// The pressure at a place given as parts of the face's sides, 0 to 1, MPa.
+    pub fn at(&self, x: f64, y: f64) -> f64 {
+        let [nx, _] = self.size;
+        between(self.size, [x, y], |i, j| self.pressure[j * nx + i])
+    }
+}
+
+/// Bilinear interpolation between samples in the middles of so many equal parts of a square, at a place of it.
+fn between(size: [usize; 2], place: [f64; 2], value: impl Fn(usize, usize) -> f64) -> f64 {
+    let [(i, a), (j, b)] = [0, 1].map(|axis| {
+        let n = size[axis];
+        let s = (place[axis] * n as f64 - 0.5).clamp(0.0, (n - 1) as f64);
+        let i = (s as usize).min(n - 2);
+        (i, s - i as f64)
+    });
+    let row = |j: usize| (1.0 - a) * value(i, j) + a * value(i + 1, j);
+    (1.0 - b) * row(j) + b * row(j + 1)
+}
+
 /// Where the face is pressed, between the sample points, too.
 #[derive(Debug)]
 pub struct Patch {
@@ -40,14 +83,7 @@ impl Patch {
         if !self.touches {
             return false;
         }
-        let at = |t: f64, n: usize| {
-            let s = (t * n as f64 - 0.5).clamp(0.0, (n - 1) as f64);
-            let i = (s as usize).min(n - 2);
-            (i, s - i as f64)
-        };
-        let ((i, a), (j, b)) = (at(x, self.nx), at(y, self.ny));
-        let row = |j: usize| (1.0 - a) * self.sign[j * self.nx + i] + a * self.sign[j * self.nx + i + 1];
-        (1.0 - b) * row(j) + b * row(j + 1) > 0.0
+        between([self.nx, self.ny], [x, y], |i, j| self.sign[j * self.nx + i]) > 0.0
     }
 
     /// Its area at rest, mm^2.

@@ -1,0 +1,230 @@
+//! The face under a body with edges, finer than the splines that carry it.
+//!
+//! Beside an edge the pressure of a body rises without bound and the face bends within less than a cell: splines follow
+//! cell by cell, which shows as beads along slanted edges. What they miss is local, and over a cell or two a pad is as good
+//! as a layer that gives way linearly. So the face is what it would be without any pressure, which is smooth and taken from
+//! the splines, and the layer's answer to the pressure on it, which is found anew on the lattice: nowhere negative, and
+//! nothing inside the body (the conjugate gradients of Polonsky and Keer 1999, "A numerical method for solving rough contact
+//! problems based on the multi-level multi-summation and conjugate gradient techniques"). That moves points along z only:
+//! the face of a nearly incompressible layer does not move along itself when it is pressed.
+
+use super::body::Body;
+use super::compliance::Compliance;
+use crate::elastomer::Surface;
+use crate::indenter::Indenter;
+use crate::pose::Pose;
+
+/// The lattice has at least so many points across a cell.
+const ACROSS_CELL: f64 = 4.0;
+/// Though none closer than this, mm.
+const CLOSE_ENOUGH_MM: f64 = 0.1;
+/// Standard deviation of the Gaussian that smooths what is left of the face without pressure, cells. Found by experiment:
+/// from 0.4 to 1.1 a sharp pacman is as near to cells of 0.1 mm.
+const SMOOTH: f64 = 0.65;
+/// Around what is pressed so much more is looked at, cells.
+const MARGIN: f64 = 5.0;
+/// Over so many cells from where it ends to what is left as it is.
+const FADE: f64 = 2.0;
+/// What the splines have further inside the body, cells, is beside a flank, not below it.
+const DEEPEST: f64 = 0.3;
+/// Penetration and gap under pressure that may remain, mm.
+const CLOSE_MM: f32 = 2e-4;
+/// Iterations; a tenth of them is usual.
+const MOST_ITERATIONS: u32 = 200;
+
+/// What is known of a face from its splines.
+pub struct Splined<'a> {
+    pub body: &'a Body,
+    pub indenter: &'a dyn Indenter,
+    pub pose: &'a Pose,
+    /// Edges of a cell, mm.
+    pub cell_mm: [f64; 2],
+    /// Pressure along z at a place of the undeformed face, MPa.
+    pub pressure: &'a dyn Fn(f64, f64) -> f64,
+    /// The force of all of it, N.
+    pub force_n: f64,
+}
+
+/// How many times finer than asked for the lattice has to be; nothing where it is too coarse to show what is finer than
+/// a cell.
+pub fn finer(spacing_mm: [f64; 2], cell_mm: [f64; 2]) -> Option<[usize; 2]> {
+    let coarse = (0..2).any(|a| spacing_mm[a] > cell_mm[a]);
+    let times = |a: usize| {
+        (spacing_mm[a] / (cell_mm[a] / ACROSS_CELL).max(CLOSE_ENOUGH_MM) - 1e-6).ceil().max(1.0) as usize
+    };
+    (!coarse).then(|| [times(0), times(1)])
+}
+
+/// The part of a lattice that is looked at.
+#[derive(Debug, Clone, Copy)]
+struct Window {
+    from: [usize; 2],
+    size: [usize; 2],
+}
+
+impl Splined<'_> {
+    /// Brings a face into shape, and tells where it is pressed. `rest_z` is the height of the undeformed face.
+    pub fn relieve(&self, face: &mut Surface, contact: &mut [bool], rest_z: impl Fn(f64, f64) -> f64) {
+        let spacing = [face.size_x_mm / (face.nx - 1) as f64, face.size_y_mm / (face.ny - 1) as f64];
+        let Some(window) = self.window(face, spacing) else { return };
+        let [nx, ny] = window.size;
+        let at = |k: usize| (window.from[0] + k % nx, window.from[1] + k / nx);
+        let index = |k: usize| at(k).1 * face.nx + at(k).0;
+        let rest = |k: usize| face.rest_xy(at(k).0, at(k).1);
+        // The splines' face, and what the layer does of it under the pressure.
+        let area = spacing[0] * spacing[1];
+        let mut pressure: Vec<f32> =
+            (0..nx * ny).map(|k| (self.pressure)(rest(k)[0], rest(k)[1]) as f32).collect();
+        let sum: f64 = pressure.iter().map(|p| f64::from(*p)).sum::<f64>() * area;
+        if sum < 0.5 * self.force_n {
+            return;
+        }
+        pressure.iter_mut().for_each(|p| *p *= (self.force_n / sum) as f32);
+        let splined: Vec<f32> = (0..nx * ny)
+            .map(|k| face.positions[index(k)].z - rest_z(rest(k)[0], rest(k)[1]) as f32)
+            .collect();
+        let mut layer = Compliance::new(self.body, window.size, spacing);
+        let mut given = vec![0.0; nx * ny];
+        layer.displacement(&pressure, &mut given);
+        // What it would be without pressure.
+        let mut free: Vec<f32> = splined.iter().zip(&given).map(|(u, g)| u + g).collect();
+        smooth(&mut free, window.size, [0, 1].map(|a| SMOOTH * self.cell_mm[a] / spacing[a]));
+        // How far that is below the body.
+        let deepest = (DEEPEST * self.cell_mm[0].max(self.cell_mm[1])) as f32;
+        let gap: Vec<f32> = (0..nx * ny)
+            .map(|k| {
+                let p = face.positions[index(k)];
+                let local = self.pose.to_indenter(p.as_dvec3());
+                let low = self
+                    .indenter
+                    .lower_surface(local.x, local.y)
+                    .map_or(f64::INFINITY, |h| h + self.pose.z_mm);
+                let gap = low as f32 - p.z;
+                if gap > -deepest { gap + splined[k] - free[k] } else { f32::INFINITY }
+            })
+            .collect();
+        let Some([pressure, given]) = settle(&gap, &mut layer, pressure) else { return };
+        let fade = [0, 1].map(|a| FADE * self.cell_mm[a] / spacing[a]);
+        for k in 0..nx * ny {
+            let (i, j) = at(k);
+            let inside = |at: usize, axis: usize, n: usize| {
+                let (low, high) = (window.from[axis], window.from[axis] + window.size[axis] - 1);
+                let below = if low == 0 { f64::INFINITY } else { (at - low) as f64 };
+                let above = if high == n - 1 { f64::INFINITY } else { (high - at) as f64 };
+                let t = (below.min(above) / fade[axis]).min(1.0);
+                t * t * (3.0 - 2.0 * t)
+            };
+            let part = (inside(i, 0, face.nx) * inside(j, 1, face.ny)) as f32;
+            let to = j * face.nx + i;
+            face.positions[to].z += part * (free[k] - given[k] - splined[k]);
+            contact[to] = pressure[k] > 0.0;
+        }
+    }
+
+    /// What is pressed, and its surroundings.
+    fn window(&self, face: &Surface, spacing: [f64; 2]) -> Option<Window> {
+        let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
+        for j in 0..face.ny {
+            for i in 0..face.nx {
+                let [x, y] = face.rest_xy(i, j);
+                if (self.pressure)(x, y) > 0.0 {
+                    (low, high) = ([low[0].min(i), low[1].min(j)], [high[0].max(i), high[1].max(j)]);
+                }
+            }
+        }
+        (self.force_n > 0.0 && low[0] <= high[0]).then(|| {
+            let count = [face.nx, face.ny];
+            let margin = [0, 1].map(|a| (MARGIN * self.cell_mm[a] / spacing[a]).ceil() as usize);
+            let from = [0, 1].map(|a| low[a].saturating_sub(margin[a]));
+            let to = [0, 1].map(|a: usize| (high[a] + margin[a] + 1).min(count[a]));
+            Window { from, size: [to[0] - from[0], to[1] - from[1]] }
+        })
+    }
+}
+
+/// Finds the pressure with which nothing is inside the body and nothing that is not at it is pressed, and what the layer does
+/// under it. `gap` is what there would be without any pressure.
+fn settle(gap: &[f32], layer: &mut Compliance, mut pressure: Vec<f32>) -> Option<[Vec<f32>; 2]> {
+    let n = gap.len();
+    for (p, gap) in pressure.iter_mut().zip(gap) {
+        *p = if gap.is_finite() { p.max(0.0) } else { 0.0 };
+    }
+    let (mut given, mut way, mut along) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+    layer.displacement(&pressure, &mut given);
+    let (mut last, mut conjugate) = (1.0, false);
+    for _ in 0..MOST_ITERATIONS {
+        // What is left to do.
+        let (mut square, mut worst) = (0.0, 0.0f32);
+        for k in 0..n {
+            let gap = gap[k] + given[k];
+            if pressure[k] > 0.0 {
+                square += f64::from(gap).powi(2);
+                worst = worst.max(gap.abs());
+            } else {
+                worst = worst.max(-gap);
+            }
+        }
+        if worst <= CLOSE_MM {
+            return Some([pressure, given]);
+        }
+        // The way there, and how far along it.
+        let beta = if conjugate { (square / last) as f32 } else { 0.0 };
+        last = square;
+        for k in 0..n {
+            way[k] = if pressure[k] > 0.0 { gap[k] + given[k] + beta * way[k] } else { 0.0 };
+        }
+        layer.displacement(&way, &mut along);
+        let (mut up, mut down) = (0.0, 0.0);
+        for k in (0..n).filter(|k| pressure[*k] > 0.0) {
+            up += f64::from(gap[k] + given[k]) * f64::from(way[k]);
+            down += f64::from(along[k]) * f64::from(way[k]);
+        }
+        let step = if down > 0.0 { (up / down) as f32 } else { 1.0 / layer.largest() };
+        // What lets go, and what comes to touch.
+        conjugate = true;
+        let mut as_it_was = true;
+        for k in 0..n {
+            let wanted = pressure[k] - step * way[k];
+            let touches = wanted <= 0.0 && gap[k] + given[k] < 0.0;
+            conjugate &= !touches;
+            as_it_was &= wanted >= 0.0 && !touches;
+            pressure[k] = if touches { -step * (gap[k] + given[k]) } else { wanted.max(0.0) };
+        }
+        if as_it_was {
+            given.iter_mut().zip(&along).for_each(|(g, a)| *g -= step * a);
+        } else {
+            layer.displacement(&pressure, &mut given);
+        }
+    }
+    None
+}
+
+/// Smooths a field by a Gaussian whose standard deviations along x and y are given in points; at its ends it is continued as
+/// its mirror image.
+fn smooth(field: &mut [f32], [nx, ny]: [usize; 2], deviation: [f64; 2]) {
+    let weights = deviation.map(|s| {
+        let reach = (4.0 * s).ceil() as i64;
+        let all: Vec<f64> = (-reach..=reach).map(|k| (-0.5 * (k as f64 / s).powi(2)).exp()).collect();
+        let sum: f64 = all.iter().sum();
+        all.iter().map(|w| (w / sum) as f32).collect::<Vec<_>>()
+    });
+    let mirrored = |at: i64, n: usize| {
+        let period = 2 * (n as i64 - 1).max(1);
+        let at = at.rem_euclid(period);
+        at.min(period - at) as usize
+    };
+    let mut line = Vec::new();
+    let mut along = |field: &mut [f32], first: usize, step: usize, n: usize, weights: &[f32]| {
+        let reach = (weights.len() / 2) as i64;
+        line.clear();
+        line.extend((-reach..n as i64 + reach).map(|at| field[first + step * mirrored(at, n)]));
+        for k in 0..n {
+            field[first + step * k] = weights.iter().zip(&line[k..]).map(|(w, v)| w * v).sum();
+        }
+    };
+    (0..ny).for_each(|j| along(field, j * nx, 1, nx, &weights[0]));
+    (0..nx).for_each(|i| along(field, i, nx, ny, &weights[1]));
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,127 @@
+use super::super::tests::{pad, settings};
+use super::super::{Body, QuasiStaticSolver, Resolution};
+use super::*;
+use crate::elastomer::{Elastomer, Friction, Law};
+use crate::indenter::spec::{Plan, Shape};
+use crate::indenter::{self, IndenterSpec};
+use std::sync::Arc;
+
+/// Force, N, and pressed area, mm^2, of a body with this underside, its tip `depth` below a level face 16 mm wide.
+fn pressed(depth: f64, spacing_mm: f64, underside: impl Fn(f64) -> Option<f64>) -> [f64; 2] {
+    let n = (16.0 / spacing_mm) as usize + 1;
+    let body = Body::new(&pad(Law::NeoHookean), &settings(Friction::Coefficient(0.0)));
+    let mut layer = Compliance::new(&body, [n, n], [spacing_mm; 2]);
+    let at = |k: usize| k as f64 * spacing_mm - 8.0;
+    let gap: Vec<f32> = (0..n * n)
+        .map(|k| underside(at(k % n).hypot(at(k / n))).map_or(f64::INFINITY, |h| h - depth) as f32)
+        .collect();
+    let guess = gap.iter().map(|gap| if *gap < 0.0 { 0.01 } else { 0.0 }).collect();
+    let [pressure, given] = settle(&gap, &mut layer, guess).expect("an easy press");
+    for (k, p) in pressure.iter().enumerate() {
+        let gap = gap[k] + given[k];
+        assert!(gap >= -CLOSE_MM && (*p == 0.0 || gap <= CLOSE_MM) && *p >= 0.0, "{gap} {p}");
+    }
+    let area = spacing_mm * spacing_mm;
+    let force = pressure.iter().map(|p| f64::from(*p)).sum::<f64>() * area;
+    [force, pressure.iter().filter(|p| **p > 0.0).count() as f64 * area]
+}
+
+#[test]
+fn a_punch_and_a_sphere_press_a_bonded_layer_as_theory_has_it() {
+    // E 0.145, nu 0.45, 4 mm: F/d of a flat punch of radius 2.7 is 2.174 N/mm, exact for small strain.
+    let [force, area] = pressed(0.1, 0.1, |r| (r < 2.7).then_some(0.0));
+    assert!((force / 0.2174 - 1.0).abs() < 0.02, "{force}");
+    assert!((area / (std::f64::consts::PI * 2.7 * 2.7) - 1.0).abs() < 0.02, "{area}");
+    // A paraboloid of radius 4, 0.1 deep: 0.0183889 N.
+    let [force, _] = pressed(0.1, 0.1, |r| Some(r * r / 8.0));
+    assert!((force / 0.018_388_9 - 1.0).abs() < 0.02, "{force}");
+}
+
+#[test]
+fn smoothing_keeps_what_is_level_and_takes_what_is_short() {
+    let mut field: Vec<f32> =
+        (0..60 * 40).map(|k| 2.0 + if (k % 60) % 2 == 0 { 0.5 } else { -0.5 }).collect();
+    smooth(&mut field, [60, 40], [3.0, 2.0]);
+    assert!(field.iter().all(|v| (v - 2.0).abs() < 1e-3));
+}
+
+#[test]
+fn a_lattice_is_refined_to_four_points_a_cell_and_left_alone_where_it_is_coarse() {
+    assert_eq!(finer([0.1, 0.1], [0.46, 0.46]), Some([1, 1]));
+    assert_eq!(finer([0.4, 0.2], [0.46, 0.46]), Some([4, 2]));
+    assert_eq!(finer([0.2, 0.2], [0.21, 0.21]), Some([2, 2]));
+    assert_eq!(finer([0.5, 0.1], [0.46, 0.46]), None);
+    assert_eq!(finer([f64::INFINITY; 2], [0.46, 0.46]), None);
+}
+
+/// A face of 201 x 201 points under a square of 5 mm whose edges run as (2, 1) over the lattice, pressed 0.5 mm.
+fn under_a_slanted_square() -> (Arc<dyn Indenter>, Pose, crate::elastomer::ElastomerCapture, Surface) {
+    let plan = Plan::Rectangle { x_mm: 5.0, y_mm: 5.0 };
+    let spec = IndenterSpec {
+        description: String::new(),
+        edge_round_mm: 0.0,
+        height_mm: 8.0,
+        shape: Shape::Flat { plan },
+    };
+    let body = indenter::from_spec("square", &spec, None).expect("a body");
+    let turn_deg = 0.5f64.atan().to_degrees();
+    let start = Pose::new(0.0, 0.0, 0.1, turn_deg);
+    let coarse = Resolution::for_tolerance(0.01).for_body(body.as_ref(), [20.0, 20.0, 4.0]);
+    let mut solver = QuasiStaticSolver::with_resolution(
+        &pad(Law::FixedCorotated),
+        &settings(Friction::Coefficient(0.5)),
+        coarse,
+        Arc::clone(&body),
+        &start,
+    )
+    .expect("settings in range");
+    let pose = Pose::new(0.0, 0.0, -0.5, turn_deg);
+    solver.advance(&pose).expect("an easy press");
+    let splined = solver.finest().capture(body.as_ref(), 201, 201).expect("a lattice").surface;
+    let capture = solver.capture(201, 201).expect("a lattice");
+    (body, pose, capture, splined)
+}
+
+#[test]
+fn a_slanted_edge_is_straight_and_the_face_lies_on_the_body() {
+    let (body, pose, capture, splined) = under_a_slanted_square();
+    // Beside its edges: how much heights differ where the face is equally far off them.
+    let ripple = |face: &Surface| {
+        let mut bins = vec![[0.0f64; 3]; 9];
+        for p in &face.positions {
+            let (x, y) = (f64::from(p.x), f64::from(p.y));
+            let [along, across] = [(2.0 * x + y) / 5f64.sqrt(), (2.0 * y - x) / 5f64.sqrt()].map(f64::abs);
+            // (Rows along the edges are 0.1 mm / sqrt(5) apart.)
+            let off = (along.max(across) - 2.65) / (0.1 / 5f64.sqrt());
+            if (0.0..9.0).contains(&off) && along.min(across) < 1.5 {
+                let bin = &mut bins[off as usize];
+                let z = f64::from(p.z);
+                *bin = [bin[0] + 1.0, bin[1] + z, bin[2] + z * z];
+            }
+        }
+        let variance = |[n, sum, squares]: &[f64; 3]| squares / n - (sum / n).powi(2);
+        (bins.iter().map(variance).sum::<f64>() / bins.len() as f64).sqrt()
+    };
+    let [before, after] = [ripple(&splined), ripple(&capture.surface)];
+    assert!(after < 0.5 * before && after < 5e-3, "{after} mm, splines alone {before} mm");
+    // What is well within its edges lies on it, and what is beside it does not enter it.
+    for (k, p) in capture.surface.positions.iter().enumerate() {
+        let [x, y] = capture.surface.rest_xy(k % 201, k / 201);
+        let [along, across] = [(2.0 * x + y) / 5f64.sqrt(), (2.0 * y - x) / 5f64.sqrt()];
+        let local = pose.to_indenter(p.as_dvec3());
+        let gap =
+            body.lower_surface(local.x, local.y).map_or(f64::INFINITY, |h| h + pose.z_mm - f64::from(p.z));
+        if along.abs().max(across.abs()) < 2.4 {
+            assert!(gap.abs() < 1e-3 && capture.contact[k], "{gap} at {x} {y}");
+        }
+        assert!(gap > -1e-3, "{gap} at {x} {y}");
+    }
+    let area = capture.contact.iter().filter(|c| **c).count() as f64 * 0.01;
+    assert!((area / 25.0 - 1.0).abs() < 0.05, "{area}");
+    // A millimetre off the contact it is the splines' face.
+    for (p, q) in capture.surface.positions.iter().zip(&splined.positions) {
+        if p.x.hypot(p.y) > 5.5 {
+            assert!((*p - *q).length() < 3e-3, "{p} {q}");
+        }
+    }
+}
