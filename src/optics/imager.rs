@@ -10,7 +10,7 @@ use super::sensor::{SensorOptics, TextureMode};
 use super::sensor_scene::{face, not_fast, scene};
 use super::store::Store;
 use super::surface::DisplacedSurface;
-use super::{Error, Film, Role, Scene, Texture, fast, imaging, markers, reference};
+use super::{Error, Film, Role, Scene, Texture, fast, imaging, markers, reference, response};
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
 use std::time::Instant;
@@ -189,7 +189,7 @@ impl Imager {
             });
         }
         let background = background.map(|b| {
-            let light = |code: &u8| imaging::decode(*code, &sensor.image);
+            let light = |code: &u8| response::decode(*code, &sensor.image);
             let texels = b.rgb.chunks_exact(3).map(|p| Vec3::new(light(&p[0]), light(&p[1]), light(&p[2])));
             Texture { width: b.width, height: b.height, texels: texels.collect() }
         });
@@ -271,7 +271,7 @@ impl Imager {
             (Some(background), TextureMode::Ratio) => {
                 let worn = Worn { image: background, light: &self.untouched, uv: &self.untouched_uv };
                 // The image has been through the camera, and brings its noise along: none is added to it.
-                imaging::encode(&worn.relit(light, sights), &self.sensor.image)
+                response::encode(&worn.relit(light, sights), &self.sensor.image)
             }
             _ => imaging::expose(light, &self.sensor.image, self.exposure, index),
         };
@@ -543,7 +543,7 @@ mod tests {
         let at = |x: usize, y: usize| picture.light.at(x, y);
         assert!(at(2, 18).z > 1.5 * at(45, 18).z, "blue falls from left to right");
         assert!(at(24, 33).x > 1.5 * at(24, 2).x, "red falls from bottom to top");
-        let mean: f64 = picture.rgb.iter().map(|&c| f64::from(imaging::decode(c, &sensor.image))).sum();
+        let mean: f64 = picture.rgb.iter().map(|&c| f64::from(response::decode(c, &sensor.image))).sum();
         assert!((mean / picture.rgb.len() as f64 - 0.35).abs() < 0.02);
     }
 

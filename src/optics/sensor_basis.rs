@@ -4,7 +4,7 @@
 //! response undone alone, and weighs as it was taken. The noise of a photograph evens out over its pixels.
 
 use super::sensor::{ImageSpec, RGB_ENERGY_OF_ONE, SensorOptics};
-use super::{Film, LightBasis, imaging};
+use super::{Film, LightBasis, imaging, response};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -61,13 +61,13 @@ impl SensorCamera {
 
     /// The picture of light as code values.
     pub fn picture(&self, light: &Film) -> Vec<u8> {
-        imaging::encode(&self.arriving(light), &self.image)
+        response::encode(&self.arriving(light), &self.image)
     }
 
     /// The light that made these code values, as it arrived on the chip, and by pixel whether it tells how bright that was:
     /// one at the end of the scale does not, and a black one may be no picture of the pad.
     pub fn undone(&self, width: usize, height: usize, rgb: &[u8]) -> (Film, Vec<bool>) {
-        let light = |code: u8| imaging::decode(code, &self.image);
+        let light = |code: u8| response::decode(code, &self.image);
         let pixels = rgb.chunks_exact(3).map(|p| Vec3::new(light(p[0]), light(p[1]), light(p[2]))).collect();
         let tells = rgb.chunks_exact(3).map(|p| !p.contains(&u8::MAX) && p.iter().any(|code| *code > 0));
         (Film { width, height, pixels }, tells.collect())
