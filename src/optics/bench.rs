@@ -74,6 +74,19 @@ pub struct Effect {
     pub difference: Option<f64>,
 }
 
+/// How much of a picture stays when a press goes deeper, as shares from 0 to 1.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StillLight {
+    /// Which press.
+    pub what: String,
+    /// Of the face's points: those that stay where they were, to the bit.
+    pub same_points: f64,
+    /// Of the pixels: those whose light stays, to the bit.
+    pub same_pixels: f64,
+    /// Of the pixels: those whose light stays within a ten-thousandth.
+    pub nearly_same_pixels: f64,
+}
+
 /// Everything measured.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
@@ -87,6 +100,8 @@ pub struct Report {
     pub peers: Vec<Point>,
     /// What skips save and features cost.
     pub effects: Vec<Effect>,
+    /// What stays between pictures; measured by whoever has an elastomer.
+    pub still_light: Vec<StillLight>,
     /// Hard cases.
     pub cases: Vec<cases::Case>,
     /// Rays a processor second through the reference's tree, one for each pixel's centre.
@@ -186,6 +201,7 @@ pub fn run(settings: &Settings, cpu: &dyn Fn() -> f64, mut tell: impl FnMut(&str
         points,
         peers: PEERS.map(peer).to_vec(),
         effects: if settings.effects { effects(settings, &clock)? } else { Vec::new() },
+        still_light: Vec::new(),
         cases: hard,
         camera_rays_per_s: sights.len() as f64 / took.cpu_s.max(1e-9),
     })

@@ -2,15 +2,18 @@
 //!
 //! Renders the benchmark scene's variants Ac, At and B in the reference mode over samples a pixel and in the fast mode over
 //! tolerances, each error taken against two long reference pictures; beside them stand the peers' published points. Then
-//! what is skipped where a scene does not need it is done nevertheless, and the times compared. `--cases` measures the fast
+//! what is skipped where a scene does not need it is done nevertheless, and the times compared, and it is told how many
+//! pixels a press that goes deeper leaves as they were: pictures are reused whole or not at all. `--cases` measures the fast
 //! mode's error in hard cases instead. `--out NAME` writes NAME.csv, NAME.svg and NAME.json.
 
 use super::{load::cpu_seconds, optics_plot};
 use crate::cli::exit::Exit;
 use crate::cli::{options, screen};
+use crate::config::sensor_file;
 use crate::optics::bench::cases::{self, Case};
-use crate::optics::bench::{Point, Report, Settings, run};
+use crate::optics::bench::{Point, Report, Settings, StillLight, run};
 use crate::optics::bench_scene::Variant;
+use crate::trial;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -89,13 +92,22 @@ impl Args {
                 cases,
             },
         };
-        let report = match run(&settings, &cpu_seconds, |what| screen::note(what)) {
+        let mut report = match run(&settings, &cpu_seconds, |what| screen::note(what)) {
             Ok(report) => report,
             Err(e) => {
                 screen::error(e);
                 return Exit::Failed;
             }
         };
+        if settings.effects {
+            report.still_light = match still_light(self.quick) {
+                Ok(rows) => rows,
+                Err(e) => {
+                    screen::error(e);
+                    return Exit::Failed;
+                }
+            };
+        }
         if let Some(name) = &self.out
             && let Err(e) = keep(name, &report)
         {
@@ -108,6 +120,19 @@ impl Args {
         }
         Exit::Done
     }
+}
+
+/// What stays between two pictures of the shipped GelSight.
+fn still_light(is_quick: bool) -> Result<Vec<StillLight>, Box<dyn std::error::Error>> {
+    screen::note("pixels that stay when a press goes deeper ...");
+    let mut sensor = sensor_file(Path::new("gelsight"))?;
+    let tolerance = if is_quick { 0.05 } else { 0.005 };
+    if is_quick {
+        let camera = &mut sensor.optics.camera;
+        camera.mm_per_px *= 10.0;
+        (camera.width_px, camera.height_px) = (camera.width_px / 10, camera.height_px / 10);
+    }
+    Ok(trial::still_light::measure(&sensor.pad, &sensor.optics, tolerance)?)
 }
 
 fn show(report: &Report) {
@@ -141,6 +166,15 @@ fn show(report: &Report) {
         screen::result(format_args!(
             "{:62} x {:5.2}  ({:.4} s without, {:.4} s with{difference})",
             e.what, e.ratio, e.without_s, e.with_s
+        ));
+    }
+    for s in &report.still_light {
+        screen::result(format_args!(
+            "{:40} same to the bit: {:.2} % of the face's points, {:.2} % of the pixels; within 1e-4: {:.2} %",
+            s.what,
+            1e2 * s.same_points,
+            1e2 * s.same_pixels,
+            1e2 * s.nearly_same_pixels
         ));
     }
     screen::result(format_args!("camera rays: {:.1} M a CPU-s", report.camera_rays_per_s / 1e6));
