@@ -53,7 +53,7 @@ fn a_typo_and_a_light_outside_are_told_with_their_keys() {
     let text = std::fs::read_to_string(path).unwrap();
     let typo = toml::from_str::<SensorFile>(&text.replace("mm_per_px", "mm_per_pixel"));
     assert!(typo.err().unwrap().to_string().contains("mm_per_pixel"));
-    let bad = text.replace("[-9.999, 0.0, -2.5]", "[-9.999, 0.0, 2.5]").replace("0.028125", "0.05");
+    let bad = text.replace("[-14.999, 0.0, -2.5]", "[-14.999, 0.0, 2.5]").replace("0.028125", "0.07");
     let file: SensorFile = toml::from_str(&bad).unwrap();
     let mut problems = Problems::new();
     file.optics.check(&mut problems);
@@ -65,10 +65,10 @@ fn a_typo_and_a_light_outside_are_told_with_their_keys() {
 fn a_light_of_triangles_shines_as_the_rectangle_that_they_make() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors/gelsight.toml");
     let text = std::fs::read_to_string(path).unwrap();
-    let rectangle = "{ kind = \"rectangle\", center_mm = [-9.999, 0.0, -2.5], facing = [1.0, 0.0, 0.0], size_mm = [12.0, 2.0] }";
+    let rectangle = "{ kind = \"rectangle\", center_mm = [-14.999, 0.0, -2.5], facing = [1.0, 0.0, 0.0], size_mm = [24.0, 2.0] }";
     assert!(text.contains(rectangle));
-    let mesh = "{ kind = \"mesh\", vertices_mm = [[-9.999, -6.0, -3.5], [-9.999, 6.0, -3.5], [-9.999, 6.0, -1.5], \
-                [-9.999, -6.0, -1.5]], triangles = [[0, 1, 2], [0, 2, 3]] }";
+    let mesh = "{ kind = \"mesh\", vertices_mm = [[-14.999, -12.0, -3.5], [-14.999, 12.0, -3.5], [-14.999, 12.0, -1.5], \
+                [-14.999, -12.0, -1.5]], triangles = [[0, 1, 2], [0, 2, 3]] }";
     let mean = |text: &str| {
         let file: SensorFile = toml::from_str(text).unwrap();
         let mut problems = Problems::new();
