@@ -5,6 +5,8 @@
 //! `surface/<capture>.npy` (float32 [ny][nx][3], mm, pad frame) and nothing is rendered unless `--render`
 //! asks for it too; without `--surface` pictures and depth maps are rendered.
 
+mod mark;
+
 use super::exit::Exit;
 use super::options::RigAndPlan;
 use super::screen;
@@ -18,6 +20,7 @@ use crate::optics::sensor::CameraSpec;
 use crate::session::{StopLevel, StopSwitch};
 use crate::twin::branches::grow;
 use crate::twin::{Deformed, Outcome, Picture, Twin, Walk, Wear};
+use mark::Mark;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -117,9 +120,11 @@ impl Args {
         let trajectory = &plan.trajectory;
         let twin = assemble::twin(setup)?;
         let wanted = self.wanted(trajectory.captures.len() as u32)?;
+        let mark = Mark::of(trajectory, setup);
+        mark.belongs_in(&self.out)?;
         let wear = if is_rendered { Some(self.wear(&twin)?) } else { None };
 
-        self.belongs_here(trajectory)?;
+        mark.leave_in(&self.out)?;
         let write = |path: PathBuf, bytes: Vec<u8>| {
             std::fs::write(&path, bytes).map_err(|e| SimulateError::Write { path, why: e.to_string() })
         };
@@ -194,22 +199,6 @@ impl Args {
         account.sort()?;
         let seconds = begun.elapsed().as_secs_f64();
         Ok(Summary { out: self.out.clone(), captures: wanted.len(), simulated, failed, is_complete, seconds })
-    }
-
-    /// Refuses a folder that holds something else: a dataset, or the simulation of another plan.
-    fn belongs_here(&self, trajectory: &Trajectory) -> Result<(), SimulateError> {
-        let occupied = |by| SimulateError::Occupied { path: self.out.clone(), by };
-        if self.out.join("dataset.json").exists() {
-            return Err(occupied("a dataset"));
-        }
-        let mark = self.out.join(MARK);
-        let hash = trajectory.hash();
-        match std::fs::read_to_string(&mark) {
-            Ok(other) if other.trim() != hash => return Err(occupied("the simulation of another plan")),
-            _ => {}
-        }
-        std::fs::create_dir_all(&self.out).map_err(|e| unwritten(&self.out, &e))?;
-        std::fs::write(&mark, format!("{hash}\n")).map_err(|e| unwritten(&mark, &e))
     }
 
     /// Removes what an earlier run left in the same folder, so that nothing of it is taken for this one's.
@@ -364,16 +353,13 @@ impl SimulateError {
     }
 }
 
-/// Names the trajectory that a folder of results belongs to.
-const MARK: &str = "trajectory.blake3";
-
 /// Why nothing, or not everything, could be simulated.
 #[derive(Debug, thiserror::Error)]
 enum SimulateError {
     #[error("no plan was given")]
     NoPlan,
-    #[error("{} holds {by}; choose another --out", path.display())]
-    Occupied { path: PathBuf, by: &'static str },
+    #[error("{} holds {by}; choose another --out, or remove that folder", path.display())]
+    Occupied { path: PathBuf, by: String },
     #[error(transparent)]
     Twin(#[from] assemble::TwinError),
     #[error(transparent)]
