@@ -10,6 +10,9 @@ pub struct Mesh {
     pub positions: Vec<Vec3>,
     /// Texture coordinate of each vertex; empty when the mesh carries no texture.
     pub uvs: Vec<Vec2>,
+    /// Unit normal of each vertex, of a curved surface that the triangles stand for; empty where they are what is meant. Clear
+    /// surfaces refract by it.
+    pub normals: Vec<Vec3>,
     /// Vertex indices of each triangle.
     pub triangles: Vec<[u32; 3]>,
     /// `[nx, ny]` when vertex (i, j) of a regular lattice stands at `j * nx + i` and the triangles are
@@ -31,7 +34,7 @@ impl Mesh {
                 triangles.push([a, c, d]);
             }
         }
-        Self { positions, uvs, triangles, lattice: Some([nx, ny]) }
+        Self { positions, uvs, normals: Vec::new(), triangles, lattice: Some([nx, ny]) }
     }
 
     /// The parallelogram with corner `a` and edges `u`, `v`; its normal is u x v.
@@ -40,16 +43,17 @@ impl Mesh {
             positions: vec![a, a + u, a + u + v, a + v],
             uvs: vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
             triangles: vec![[0, 1, 2], [0, 2, 3]],
-            lattice: None,
+            ..Self::default()
         }
     }
 
-    /// Appends the triangles of another mesh. The result is no lattice and carries no texture.
+    /// Appends the triangles of another mesh. The result is no lattice and carries neither texture nor normals.
     pub fn append(&mut self, other: &Mesh) {
         let base = self.positions.len() as u32;
         self.positions.extend_from_slice(&other.positions);
         self.triangles.extend(other.triangles.iter().map(|t| t.map(|i| i + base)));
         self.uvs.clear();
+        self.normals.clear();
         self.lattice = None;
     }
 
@@ -100,7 +104,7 @@ impl Mesh {
         (b - a).cross(c - a).length() / 2.0
     }
 
-    /// Indices inside the vertex list, coordinates finite, one texture coordinate a vertex or none.
+    /// Indices inside the vertex list, coordinates finite, one texture coordinate and normal a vertex or none.
     pub fn check(&self, part: &str) -> Result<(), Error> {
         let fault = |what: String| {
             let next = "repair the mesh before it is rendered".to_owned();
@@ -118,6 +122,12 @@ impl Mesh {
                 self.uvs.len(),
                 self.positions.len()
             ));
+        }
+        if !self.normals.is_empty() && self.normals.len() != self.positions.len() {
+            return fault(format!("{} normals for {} vertices", self.normals.len(), self.positions.len()));
+        }
+        if let Some(i) = self.normals.iter().position(|n| !n.is_normalized()) {
+            return fault(format!("normal {i} is {} (normals are unit vectors)", self.normals[i]));
         }
         Ok(())
     }
@@ -146,5 +156,12 @@ mod tests {
         let mut mesh = Mesh::parallelogram(Vec3::ZERO, Vec3::X, Vec3::Y);
         mesh.triangles[1][2] = 9;
         assert!(mesh.check("pad").unwrap_err().to_string().contains("vertex 9 of 4"));
+        mesh.triangles[1][2] = 3;
+        mesh.normals = vec![Vec3::Z; 3];
+        assert!(mesh.check("lens").unwrap_err().to_string().contains("3 normals for 4 vertices"));
+        mesh.normals = vec![Vec3::Z; 4];
+        assert!(mesh.check("lens").is_ok());
+        mesh.normals[2] *= 2.0;
+        assert!(mesh.check("lens").unwrap_err().to_string().contains("normal 2"));
     }
 }

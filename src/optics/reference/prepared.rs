@@ -41,6 +41,8 @@ struct Part {
     first_triangle: usize,
     /// Texture coordinates by corner; empty where nothing needs them.
     uvs: Vec<[Vec2; 3]>,
+    /// Normals by corner; empty where the triangles are what is meant, or the surface is not clear.
+    normals: Vec<[Vec3; 3]>,
 }
 
 /// What a ray hit.
@@ -51,7 +53,7 @@ pub struct Surfel {
     pub pad: bool,
     /// Texture coordinate, 0 where the surface has none.
     pub uv: Vec2,
-    /// Geometric normal on the side the ray came from.
+    /// Normal on the side the ray came from: that of the triangle, or of the clear curved surface that it stands for.
     pub normal: Vec3,
     pub bsdf: Bsdf,
 }
@@ -100,6 +102,10 @@ impl Prepared {
             } else {
                 Vec::new()
             };
+            let normals = match is_clear && !mesh.normals.is_empty() {
+                true => mesh.triangles.iter().map(|t| t.map(|i| mesh.normals[i as usize])).collect(),
+                false => Vec::new(),
+            };
             part_of.resize(part_of.len() + mesh.triangles.len(), parts.len() as u32);
             parts.push(Part {
                 material: surface.material.clone(),
@@ -107,6 +113,7 @@ impl Prepared {
                 pad,
                 first_triangle: triangles.len(),
                 uvs,
+                normals,
             });
             triangles.extend((0..mesh.triangles.len()).map(|k| mesh.corners(k)));
         }
@@ -122,6 +129,7 @@ impl Prepared {
                 pad: false,
                 first_triangle: triangles.len(),
                 uvs: Vec::new(),
+                normals: Vec::new(),
             });
             triangles.extend((0..mesh.triangles.len()).map(|k| mesh.corners(k)));
         }
@@ -148,15 +156,25 @@ impl Prepared {
         let hit = self.accel.hit(origin, direction, f32::INFINITY)?;
         let part = &self.parts[self.part_of[hit.triangle as usize] as usize];
         let outside = hit.normal.dot(direction) < 0.0;
-        let uv = match part.uvs.get(hit.triangle as usize - part.first_triangle) {
+        let triangle = hit.triangle as usize - part.first_triangle;
+        let uv = match part.uvs.get(triangle) {
             Some([a, b, c]) => *a + (*b - *a) * hit.barycentric[0] + (*c - *a) * hit.barycentric[1],
             None => Vec2::ZERO,
         };
+        let mut normal = if outside { hit.normal } else { -hit.normal };
+        if let Some([a, b, c]) = part.normals.get(triangle) {
+            let smooth = *a + (*b - *a) * hit.barycentric[0] + (*c - *a) * hit.barycentric[1];
+            let smooth = if outside { smooth } else { -smooth }.normalize_or_zero();
+            // A ray that grazes the facet may come from behind the curved surface: there the facet itself counts.
+            if smooth.dot(direction) < 0.0 {
+                normal = smooth;
+            }
+        }
         Some(Surfel {
             light: part.light,
             pad: part.pad,
             uv,
-            normal: if outside { hit.normal } else { -hit.normal },
+            normal,
             bsdf: Bsdf::new(&part.material, uv, outside),
             hit,
         })
