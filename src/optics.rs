@@ -1,6 +1,6 @@
 //! The optics: what the camera inside the sensor sees of a deformed pad.
 //!
-//! A [`Scene`] is a pad surface, a housing, perhaps a clear plate, lights and a camera. The
+//! A [`Scene`] is a pad surface, a housing, perhaps a clear plate, a lens and baffles, lights and a camera. The
 //! [`reference`] renderer estimates its picture by path tracing, unbiased up to the scene's event
 //! limit; it judges every faster method. What a sensor is made of is data ([`sensor`], built by
 //! [`sensor_scene`]), and what a camera makes of linear light is a stage of its own ([`imaging`]).
@@ -24,6 +24,7 @@ pub mod bench_scene;
 pub mod blur;
 pub mod bsdf;
 pub mod camera;
+pub mod clearance;
 pub mod emitter;
 pub mod fast;
 pub mod film;
@@ -31,11 +32,13 @@ pub mod ggx;
 pub mod imager;
 pub mod imaging;
 pub mod irradiance;
+pub mod lens_mesh;
 pub mod light;
 pub mod markers;
 pub mod material;
 pub mod mesh;
 pub mod noise;
+pub mod overlap;
 pub mod ratio;
 pub mod reference;
 pub mod render_file;
@@ -46,6 +49,8 @@ pub mod scene;
 pub mod sensor;
 pub mod sensor_basis;
 pub mod sensor_scene;
+pub mod shape;
+pub mod sightline;
 pub mod store;
 pub mod stress;
 pub mod surface;

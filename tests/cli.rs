@@ -11,12 +11,13 @@ use std::time::{Duration, Instant};
 const VIRTUAL: &str = "rig_configs/virtual.toml";
 const SMALL: &str = "rig_configs/plans/small.toml";
 /// A picture that costs nothing.
-const CHEAP: [&str; 5] = [
+const CHEAP: [&str; 6] = [
     "optics.samples=1",
     "elastomer.tolerance=0.05",
     "sensor.optics.camera.width_px=96",
     "sensor.optics.camera.height_px=72",
     "sensor.optics.camera.mm_per_px=0.1875",
+    "sensor.optics.mesh.vertices=[96, 72]",
 ];
 
 fn twinrig(args: &[&str]) -> Command {
@@ -201,6 +202,33 @@ fn a_simulation_that_is_stopped_leaves_its_account() {
     for line in lines {
         let surface = format!("surface/{:06}.npy", line["capture"].as_u64().expect("a number"));
         assert!(folder.path().join(surface).exists(), "{line}");
+    }
+}
+
+#[test]
+fn a_simulation_of_another_sensor_stays_where_it_is() {
+    let checked = run(&["check", VIRTUAL, SMALL, "--json"]);
+    let report: serde_json::Value = serde_json::from_slice(&checked.stdout).expect("a report");
+    let hash = report["plan"]["trajectory_blake3"].as_str().expect("a hash").to_owned();
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir(at("sim")).expect("a folder");
+    let files = [
+        ("trajectory.blake3", format!("{hash}\nsensor digit\n")),
+        ("sim/000000.png", "a picture".to_owned()),
+        ("captures.jsonl", "{}\n".to_owned()),
+    ];
+    for (name, content) in &files {
+        std::fs::write(at(name), content).expect("a file");
+    }
+    let out = folder.path().to_str().expect("a path");
+    let output = run(&["simulate", VIRTUAL, SMALL, "--out", out]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("sensor digit") && said.contains("this is gelsight"), "{said}");
+    assert!(said.contains("choose another --out"), "{said}");
+    for (name, content) in &files {
+        assert_eq!(&std::fs::read_to_string(at(name)).expect("it is still there"), content, "{name}");
     }
 }
 

@@ -24,6 +24,7 @@ fn setup(sets: &[&str]) -> Setup {
         "sensor.optics.camera.width_px=96",
         "sensor.optics.camera.height_px=72",
         "sensor.optics.camera.mm_per_px=0.1875",
+        "sensor.optics.mesh.vertices=[96, 72]",
     ];
     let sets: Vec<String> = cheap.iter().chain(sets).map(|s| (*s).to_owned()).collect();
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs");

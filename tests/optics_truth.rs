@@ -4,7 +4,9 @@ use glam::{DVec3, Vec2, Vec3};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use twinrig::optics::bsdf::Bsdf;
+use twinrig::optics::lens_mesh::of_lens;
 use twinrig::optics::reference::{Renderer, Settings};
+use twinrig::optics::sensor::LensSpec;
 use twinrig::optics::{
     Albedo, Camera, Film, Light, LightShape, Material, Mesh, Role, Scene, Surface, Texture, camera::ThinLens,
 };
@@ -100,6 +102,29 @@ fn clear_bodies_vanish_in_a_furnace() {
         let camera = Camera::above(Vec3::new(0.1, 0.2, 3.0), 0.8, 16, 16);
         let film = render(vec![surface("plate", plate, material.clone())], lights, camera, 60, 256);
         assert!((film.mean().x - 1.0).abs() < tolerance, "{material:?}: {}", film.mean().x);
+    }
+}
+
+#[test]
+fn lenses_and_domes_vanish_in_a_furnace() {
+    // With normals that are not those of its facets, too, a lens neither makes light nor takes any.
+    let lens = |front_radius_mm: f64, back_radius_mm: Option<f64>, ior: f64| LensSpec {
+        gap_mm: 1.0,
+        thickness_mm: 3.5,
+        diameter_mm: 6.0,
+        front_radius_mm: Some(front_radius_mm),
+        back_radius_mm,
+        ior,
+    };
+    for lens in [lens(3.0, None, 1.49), lens(5.0, Some(7.0), 1.8), lens(4.0, Some(-3.5), 1.41)] {
+        let walls = inwards(Mesh::cuboid(Vec3::splat(-9.0), Vec3::splat(9.0)));
+        let lights = vec![light(LightShape::Mesh(Arc::new(walls)), Vec3::ONE, 0.0)];
+        let glass = Material::Dielectric { ior: lens.ior as f32 };
+        let dome = surface("dome", of_lens(&lens, [0.2, 0.1]), glass);
+        let camera = Camera::above(Vec3::new(0.1, 0.2, 8.0), 0.8, 16, 16);
+        let film = render(vec![dome], lights, camera, 100, 256);
+        assert!((film.mean().x - 1.0).abs() < 2e-3, "{lens:?}: {}", film.mean().x);
+        assert!(film.pixels.iter().all(|p| (p.x - 1.0).abs() < 0.03), "{lens:?}");
     }
 }
 

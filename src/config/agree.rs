@@ -94,26 +94,35 @@ pub(super) fn on_path(
     Some(trajectory)
 }
 
-/// A press moves the pad's face towards the camera: it stays below the plate.
-pub(super) fn on_plate(
+/// A press moves the pad's face towards the camera: it stays below plate and lens.
+pub(super) fn on_clear_bodies(
     document: &Document,
     trajectory: &Trajectory,
     sensor: &SensorReading,
     findings: &mut Vec<Finding>,
 ) {
-    let Some(plate) = sensor.value.optics.plate.as_ref().filter(|_| sensor.holds("optics.plate")) else {
-        return;
+    let (optics, pad) = (&sensor.value.optics, &sensor.value.pad);
+    let plate = optics.plate.as_ref().filter(|_| sensor.holds("optics.plate")).map(|plate| plate.gap_mm);
+    let has_lens = ["pad", "optics.lens", "optics.camera"].iter().all(|part| sensor.holds(part));
+    let size = [pad.size_x_mm, pad.size_y_mm];
+    let face_mm = |at: [f64; 2]| {
+        let is_on_pad = at.iter().zip(size).all(|(at, size)| at.abs() <= size / 2.0);
+        is_on_pad.then(|| -pad.shape.face_height_mm(size, at))
     };
+    let lens = optics.lens.as_ref().filter(|_| has_lens);
+    let lens = lens.map(|lens| lens.clearance_mm(optics.camera.center_mm, face_mm));
     let deepest = trajectory.waypoints.iter().map(|w| -w.pose.z_mm).fold(0.0, f64::max);
-    if deepest >= plate.gap_mm {
+    for (body, gap_mm) in [("plate", plate), ("lens", lens)] {
+        let Some(gap_mm) = gap_mm.filter(|gap_mm| deepest >= *gap_mm) else { continue };
+        let gap_mm = (gap_mm * 1e4).round() / 1e4;
         findings.push(document.complain(
             "depths",
             format!("{deepest} mm deep"),
             format!(
-                "below {} mm, where the plate of sensor {} begins (optics.plate.gap_mm)",
-                plate.gap_mm, sensor.value.name
+                "below {gap_mm} mm, where the {body} of sensor {} begins (optics.{body}.gap_mm)",
+                sensor.value.name
             ),
-            "press less deep, or correct optics.plate.gap_mm in the sensor file",
+            format!("press less deep, or correct optics.{body}.gap_mm in the sensor file"),
         ));
     }
 }

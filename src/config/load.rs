@@ -159,7 +159,7 @@ impl Loader {
         };
         if let (Some(document), Some(trajectory), Some(sensor)) = (&plan_document, &plan_on_rig, &sensor_read)
         {
-            agree::on_plate(document, trajectory, sensor, &mut self.findings);
+            agree::on_clear_bodies(document, trajectory, sensor, &mut self.findings);
         }
         if !self.findings.is_empty() {
             return None;

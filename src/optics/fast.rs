@@ -12,7 +12,7 @@
 //!    [`crease`]s, which are sampled.
 //!
 //! There are no random numbers in a frame, so no noise and no fireflies; a picture depends on scene and tolerance alone.
-//! Where this does not apply (glossy coatings, mesh lights, thin lenses) it refuses with [`Error::NotFast`], and the
+//! Where this does not apply (glossy coatings, mesh lights, thin lenses, baffles, domes) it refuses with [`Error::NotFast`], and the
 //! [imager](super::imager) falls back to the reference mode, which renders all of them.
 
 mod bounce;
@@ -59,7 +59,8 @@ use radiosity::Radiosity;
 pub use renderer::Renderer;
 use source::{Lamp, Source};
 use suited::{
-    coarse, fine_camera, lattice_of, lit_from_within, pad_of, sources_of, unsupported, without_pad_mesh,
+    coarse, fine_camera, lattice_of, lit_from_within, nothing_within, pad_of, sources_of, unsupported,
+    without_pad_mesh,
 };
 use view::View;
 use world::World;
@@ -152,6 +153,7 @@ impl Precomputed {
         if sources.is_empty() {
             return Err(unsupported("lights", "none", "scenes with a light"));
         }
+        nothing_within(untouched)?;
         let slab = Slab::of(untouched)?;
         let world = World::new(&coarse(untouched)?, true)?;
         let lamps: Vec<Lamp> = untouched.lights.iter().filter_map(Lamp::new).collect();

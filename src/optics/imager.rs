@@ -405,6 +405,8 @@ mod tests {
                 albedo: 0.4,
             }),
             plate: None,
+            lens: None,
+            baffles: Vec::new(),
             markers: None,
             lights: vec![
                 light("blue", [-7.999, 0.0, -4.0], [1.0, 0.0, 0.0], [25.0, 75.0, 255.0]),

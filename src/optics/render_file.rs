@@ -108,6 +108,9 @@ pub fn render_sensor(
     face: &DisplacedSurface,
     request: &Request,
 ) -> Result<Rendered, Error> {
+    if let (Mode::Fast, Some(why)) = (request.mode, sensor_scene::not_fast(sensor)) {
+        return Err(why);
+    }
     let load = || {
         let albedo = markers::printed(sensor).map(Arc::new);
         sensor_scene::scene(sensor, &sensor_scene::face(sensor, face), albedo.as_ref())

@@ -11,11 +11,11 @@ use std::sync::Arc;
 pub enum Role {
     /// The coated face of the elastomer, the only thing that moves between frames.
     Pad,
-    /// Walls, ceiling, baffles.
+    /// Walls and ceiling.
     Housing,
     /// A clear body with flat faces between pad and camera (a closed cuboid).
     Plate,
-    /// Anything else.
+    /// Anything else: baffles, lenses.
     Other,
 }
 

@@ -1,9 +1,11 @@
 //! From a sensor's description and the pad's face to a scene.
 
-use super::sensor::{LightShapeSpec, RGB_ENERGY_OF_ONE, SensorOptics};
+use super::sensor::{LightShapeSpec, LightSpec, RGB_ENERGY_OF_ONE, SensorOptics};
+use super::sightline::{Paraxial, Sightline};
 use super::surface::DisplacedSurface;
 use super::{
-    Albedo, Camera, Error, Light, LightShape, Material, Mesh, Role, Scene, Surface, Texture, camera, from_pad,
+    Albedo, Camera, Error, Light, Material, Mesh, Role, Scene, Surface, Texture, camera, clearance, from_pad,
+    lens_mesh, shape,
 };
 use crate::problem::Problems;
 use glam::{Vec2, Vec3};
@@ -20,7 +22,9 @@ pub fn scene(
     surface: &DisplacedSurface,
     albedo: Option<&Arc<Texture>>,
 ) -> Result<Scene, Error> {
-    let mesh = surface.mesh(|p| texture_coordinate(sensor, p))?;
+    let seen = paraxial(sensor);
+    let mesh = surface.mesh(|p| seen_at(sensor, &seen, p))?;
+    clearance::untouched(sensor, &mesh)?;
     let albedo = match albedo {
         Some(texture) => Albedo::Texture(texture.clone()),
         None => Albedo::grey(sensor.coating.albedo as f32),
@@ -43,8 +47,8 @@ pub fn scene(
             name: "housing".to_owned(),
             role: Role::Housing,
             mesh: Arc::new(Mesh::open_box(
-                from_pad(pad(&[h.x_mm[0], h.y_mm[1], h.skirt_mm])),
-                from_pad(pad(&[h.x_mm[1], h.y_mm[0], -h.height_mm])),
+                from_pad(shape::vector(&[h.x_mm[0], h.y_mm[1], h.skirt_mm])),
+                from_pad(shape::vector(&[h.x_mm[1], h.y_mm[0], -h.height_mm])),
             )),
             material: Material::Lambert { albedo: Albedo::grey(h.albedo as f32) },
         });
@@ -66,8 +70,27 @@ pub fn scene(
             material: Material::Dielectric { ior: p.ior as f32 },
         });
     }
-    // A plate's faces are events, too; those of the file are scatterings.
-    let max_events = if sensor.plate.is_some() { (2 * sensor.max_events).max(16) } else { sensor.max_events };
+    if let Some(lens) = &sensor.lens {
+        surfaces.push(Surface {
+            name: clearance::LENS.to_owned(),
+            role: Role::Other,
+            mesh: Arc::new(lens_mesh::of_lens(lens, sensor.camera.center_mm)),
+            material: Material::Dielectric { ior: lens.ior as f32 },
+        });
+    }
+    for baffle in &sensor.baffles {
+        surfaces.push(Surface {
+            name: clearance::baffle_name(&baffle.name),
+            role: Role::Other,
+            mesh: Arc::new(baffle.mesh()),
+            material: Material::Lambert { albedo: Albedo::grey(baffle.albedo as f32) },
+        });
+    }
+    // The faces of clear bodies are events, too; those of the file are scatterings.
+    let max_events = match u32::from(sensor.plate.is_some()) + u32::from(sensor.lens.is_some()) {
+        0 => sensor.max_events,
+        bodies => ((1 + bodies) * sensor.max_events).max(8 + 8 * bodies),
+    };
     let scene = Scene { surfaces, lights: lights(sensor), camera: camera_of(sensor), max_events };
     scene.check()?;
     Ok(scene)
@@ -83,12 +106,25 @@ pub fn check(sensor: &SensorOptics, untouched: &DisplacedSurface, problems: &mut
             "coefficients with which the picture reaches its corners without folding over",
             "use coefficients nearer to 0: those of a calibration hold within its pictures",
         );
-    } else if let Err(e) = scene(sensor, untouched, None) {
-        let (key, what, next) = match e {
-            Error::Scene { part, what, next } => (key_of(sensor, &part), what, next),
-            other => (String::new(), other.to_string(), "correct it in the sensor file".to_owned()),
-        };
-        problems.push(&key, what, "what can be rendered", next);
+        return;
+    }
+    let before = problems.len();
+    if let Ok(pad) = untouched.mesh(|_| Vec2::ZERO) {
+        clearance::check(sensor, &pad, problems);
+    }
+    // One mistake is told once.
+    if problems.len() > before {
+        return;
+    }
+    match scene(sensor, untouched, None) {
+        Ok(scene) => clearance::check_view(sensor, &scene, problems),
+        Err(e) => {
+            let (key, what, next) = match e {
+                Error::Scene { part, what, next } => (key_of(sensor, &part), what, next),
+                other => (String::new(), other.to_string(), "correct it in the sensor file".to_owned()),
+            };
+            problems.push(&key, what, "what can be rendered", next);
+        }
     }
 }
 
@@ -103,7 +139,17 @@ pub fn not_fast(sensor: &SensorOptics) -> Option<Error> {
     if radius > 0.0 {
         return refuse("optics.camera.aperture_radius_mm", radius.to_string(), "0 only, a pinhole");
     }
-    let of_triangles = |light: &&super::sensor::LightSpec| matches!(light.shape, LightShapeSpec::Mesh { .. });
+    if let Some(baffle) = sensor.baffles.first() {
+        return refuse("optics.baffles", format!("{:?}", baffle.name), "sensors without baffles only");
+    }
+    if let Some(lens) = &sensor.lens {
+        return refuse(
+            "optics.lens",
+            format!("of index {}", lens.ior),
+            "sensors without a lens or dome only",
+        );
+    }
+    let of_triangles = |light: &&LightSpec| matches!(light.shape, LightShapeSpec::Mesh { .. });
     let light = sensor.lights.iter().find(of_triangles)?;
     refuse("optics.lights", format!("{:?}, a mesh", light.name), "rectangles, discs and tubes only")
 }
@@ -117,10 +163,15 @@ fn key_of(sensor: &SensorOptics, part: &str) -> String {
         "pad" => "coating".to_owned(),
         "plate" => "plate".to_owned(),
         "housing" | "the housing" => "housing".to_owned(),
-        name => match sensor.lights.iter().position(|light| light.name == name) {
-            Some(k) => format!("lights[{k}]"),
-            None => String::new(),
-        },
+        clearance::LENS => "lens".to_owned(),
+        name => {
+            let light = sensor.lights.iter().position(|light| light.name == name);
+            let baffle = || sensor.baffles.iter().position(|b| clearance::baffle_name(&b.name) == name);
+            match light {
+                Some(k) => format!("lights[{k}]"),
+                None => baffle().map_or_else(String::new, |k| format!("baffles[{k}]")),
+            }
+        }
     }
 }
 
@@ -129,50 +180,58 @@ const FLAKE_REFLECTANCE: f32 = 0.9;
 
 /// The face on the description's mesh, with its depth noise.
 pub fn face(sensor: &SensorOptics, surface: &DisplacedSurface) -> DisplacedSurface {
-    let [nx, ny] = sensor.mesh_vertices();
+    let [nx, ny] = sensor.mesh_vertices(surface.size_mm);
     surface.resampled(nx, ny).with_depth_noise(sensor.mesh.depth_noise_mm, sensor.mesh.depth_noise_seed)
 }
 
 /// Where a point of the undeformed face, pad frame, mm, lies in the image of the untouched sensor, (0, 0) the upper left
-/// corner (the lens' distortion apart). Points of a dome are seen under their own depth.
+/// corner (what lenses distort apart). Points of a dome are seen under their own depth.
 pub fn texture_coordinate(sensor: &SensorOptics, point: Vec3) -> Vec2 {
+    seen_at(sensor, &paraxial(sensor), point)
+}
+
+fn seen_at(sensor: &SensorOptics, seen: &Paraxial, point: Vec3) -> Vec2 {
     let [w, h] = sensor.view_mm().map(|v| v as f32);
     let [cx, cy] = sensor.camera.center_mm.map(|v| v as f32);
     // As it would stand on the plane through the apex, for which `mm_per_px` holds.
-    let distance = apparent_distance(sensor) as f32;
+    let distance = (seen.b / seen.d) as f32;
     let scale = distance / (distance + point.z).max(1e-3);
     Vec2::new((point.x - cx) * scale / w + 0.5, (point.y - cy) * scale / h + 0.5)
 }
 
-/// The camera of the description. Behind a plate the face seems nearer by t (1 - 1/n) (paraxially), so the field
-/// of view is that much wider and `mm_per_px` still holds on the face.
+/// The camera of the description. Behind a plate the face seems nearer by t (1 - 1/n) (near the axis), behind a lens nearer or
+/// farther, so the field of view is as much wider or narrower and `mm_per_px` still holds on the face. A finite aperture is
+/// focused on where the face seems to be.
 pub fn camera_of(sensor: &SensorOptics) -> Camera {
     let c = &sensor.camera;
-    let distance = apparent_distance(sensor);
-    let origin = from_pad(pad(&[c.center_mm[0], c.center_mm[1], -c.distance_mm]));
-    let tan_half_x = (sensor.view_mm()[0] / 2.0 / distance) as f32;
+    let seen = paraxial(sensor);
+    let origin = from_pad(shape::vector(&[c.center_mm[0], c.center_mm[1], -c.distance_mm]));
+    let tan_half_x = (sensor.view_mm()[0] / 2.0 / seen.b) as f32;
     let mut camera = Camera::above(origin, tan_half_x, c.width_px, c.height_px);
     camera.distortion = c.distortion.map(|[k1, k2]| camera::Distortion { k1: k1 as f32, k2: k2 as f32 });
     if c.aperture_radius_mm > 0.0 {
         camera.lens = Some(camera::ThinLens {
             aperture_radius_mm: c.aperture_radius_mm as f32,
-            focus_mm: distance as f32,
+            focus_mm: (seen.b / seen.a) as f32,
         });
     }
     camera
 }
 
-/// From the optical centre to the undeformed face as it seems.
-fn apparent_distance(sensor: &SensorOptics) -> f64 {
+/// How the camera sees the undeformed face near its axis.
+fn paraxial(sensor: &SensorOptics) -> Paraxial {
+    if sensor.lens.is_some() {
+        return Sightline::of(sensor).paraxial();
+    }
     let shift = sensor.plate.as_ref().map_or(0.0, |p| p.thickness_mm * (1.0 - 1.0 / p.ior));
-    sensor.camera.distance_mm - shift
+    Paraxial { a: 1.0, b: sensor.camera.distance_mm - shift, d: 1.0 }
 }
 
 fn lights(sensor: &SensorOptics) -> Vec<Light> {
-    let light = |spec: &super::sensor::LightSpec| Light {
+    let light = |spec: &LightSpec| Light {
         name: spec.name.clone(),
-        shape: shape(&spec.shape),
-        radiance: pad(&spec.rgb) * (spec.energy / RGB_ENERGY_OF_ONE) as f32,
+        shape: shape::of_light(&spec.shape),
+        radiance: shape::vector(&spec.rgb) * (spec.energy / RGB_ENERGY_OF_ONE) as f32,
         two_sided: false,
         cosine_power: spec.cosine_power as f32,
         albedo: Vec3::splat(spec.albedo as f32),
@@ -180,37 +239,5 @@ fn lights(sensor: &SensorOptics) -> Vec<Light> {
     sensor.lights.iter().map(light).collect()
 }
 
-fn shape(spec: &LightShapeSpec) -> LightShape {
-    match spec {
-        LightShapeSpec::Rectangle { center_mm, facing, size_mm } => {
-            let normal = from_pad(pad(facing)).normalize();
-            // The first edge is level; for a light that faces along z it runs along x.
-            let level = Vec3::Z.cross(normal);
-            let u = if level.length() > 1e-4 { level.normalize() } else { Vec3::X };
-            LightShape::Rectangle {
-                center: from_pad(pad(center_mm)),
-                half_u: u * (size_mm[0] / 2.0) as f32,
-                half_v: normal.cross(u) * (size_mm[1] / 2.0) as f32,
-            }
-        }
-        LightShapeSpec::Disc { center_mm, facing, radius_mm } => LightShape::Disc {
-            center: from_pad(pad(center_mm)),
-            normal: from_pad(pad(facing)).normalize(),
-            radius: *radius_mm as f32,
-        },
-        LightShapeSpec::Tube { from_mm, to_mm, radius_mm } => LightShape::Tube {
-            from: from_pad(pad(from_mm)),
-            to: from_pad(pad(to_mm)),
-            radius: *radius_mm as f32,
-        },
-        LightShapeSpec::Mesh { vertices_mm, triangles } => LightShape::Mesh(Arc::new(Mesh {
-            positions: vertices_mm.iter().map(|v| from_pad(pad(v))).collect(),
-            triangles: triangles.clone(),
-            ..Mesh::default()
-        })),
-    }
-}
-
-fn pad(v: &[f64; 3]) -> Vec3 {
-    Vec3::new(v[0] as f32, v[1] as f32, v[2] as f32)
-}
+#[cfg(test)]
+mod tests;

@@ -1,7 +1,8 @@
 //! Which pixels show the face where it touches the indenter.
 //!
 //! The elastomer tells contact at the nodes of its surface lattice. Each cell that touches is drawn where the
-//! camera sees its displaced corners (a pinhole straight above the pad; behind a plate as near as it seems), and
+//! camera sees its displaced corners (a pinhole straight above the pad; behind a plate as near as it seems, through a lens as
+//! its rays run), and
 //! a pixel is in contact when the value interpolated at its centre is at least one half. Folds are not sorted: a
 //! pixel that shows any part in contact is in contact.
 
@@ -9,6 +10,7 @@ use crate::elastomer::ElastomerCapture;
 use crate::image::Mask;
 use crate::optics::sensor::SensorOptics;
 use crate::optics::sensor_scene::camera_of;
+use crate::optics::sightline::Sightline;
 use glam::{Vec2, Vec3};
 
 /// The mask of a deformed pad, on the camera's raster.
@@ -41,6 +43,8 @@ struct Lens {
     px_per_tangent: f32,
     middle_px: Vec2,
     distortion: Option<crate::optics::camera::Distortion>,
+    /// Where a lens bends the rays.
+    sightline: Option<Sightline>,
 }
 
 impl Lens {
@@ -53,12 +57,19 @@ impl Lens {
             px_per_tangent: spec.width_px as f32 / (2.0 * camera.tan_half_x),
             middle_px: Vec2::new(spec.width_px as f32, spec.height_px as f32) / 2.0,
             distortion: camera.distortion,
+            sightline: sensor.lens.as_ref().map(|_| Sightline::of(sensor)),
         }
     }
 
     /// Pixels from the upper left corner. Pressed points (z below 0) are nearer to the camera.
     fn pixel(&self, point: Vec3) -> Vec2 {
-        let tangent = (point.truncate() - self.center_mm) / (self.distance_mm + point.z).max(1e-3);
+        let off_axis = point.truncate() - self.center_mm;
+        let r_mm = off_axis.length();
+        let bent = self.sightline.as_ref().and_then(|s| s.tangent(f64::from(r_mm), f64::from(-point.z)));
+        let tangent = match bent {
+            Some(tangent) => off_axis.normalize_or_zero() * tangent as f32,
+            None => off_axis / (self.distance_mm + point.z).max(1e-3),
+        };
         let seen = self.distortion.map_or(tangent, |d| d.distort(tangent));
         self.middle_px + seen * self.px_per_tangent
     }
@@ -94,6 +105,7 @@ fn fill(mask: &mut Mask, corners: [Vec2; 3], values: [f32; 3]) {
 mod tests {
     use super::*;
     use crate::elastomer::{ContactForces, SolverStats, Surface};
+    use crate::optics::sensor::LensSpec;
 
     /// A round contact at (2, -1) of radius 1.5 mm, pressed flat to a depth.
     fn pressed(depth_mm: f32) -> ElastomerCapture {
@@ -116,11 +128,25 @@ mod tests {
     #[test]
     fn the_mask_is_where_a_path_tracer_sees_the_contact() {
         let file: toml::Table = toml::from_str(include_str!("../../rig_configs/sensors/skin.toml")).unwrap();
-        let sensor: SensorOptics = file["optics"].clone().try_into().expect("the shipped sensor");
+        let mut sensor: SensorOptics = file["optics"].clone().try_into().expect("the shipped sensor");
+        agrees(&sensor);
+        // A dome that shows what is off its axis farther out than near it.
+        sensor.lens = Some(LensSpec {
+            gap_mm: 3.0,
+            thickness_mm: 9.0,
+            diameter_mm: 19.0,
+            front_radius_mm: Some(11.0),
+            back_radius_mm: None,
+            ior: 1.49,
+        });
+        agrees(&sensor);
+    }
+
+    fn agrees(sensor: &SensorOptics) {
         let pad = pressed(1.0);
-        let mask = contact_mask(&sensor, &pad);
+        let mask = contact_mask(sensor, &pad);
         let seen = crate::optics::imager::depth_map(
-            &sensor,
+            sensor,
             &crate::twin::view::displaced(&pad.surface, crate::elastomer::PadShape::Cuboid),
         )
         .unwrap();

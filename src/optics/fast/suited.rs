@@ -15,6 +15,19 @@ pub(super) fn unsupported(key: &'static str, value: &str, what: &str) -> Error {
     Error::NotFast { key, value: value.to_owned(), what: what.to_owned() }
 }
 
+/// Refuses what may stand between lights and pad: of direct light it is known only what the pad itself hides.
+pub(super) fn nothing_within(scene: &Scene) -> Result<(), Error> {
+    let housings = scene.surfaces.iter().filter(|s| s.role == Role::Housing).skip(1);
+    match scene.surfaces.iter().filter(|s| s.role == Role::Other).chain(housings).next() {
+        Some(surface) => Err(unsupported(
+            "surfaces",
+            &surface.name,
+            "a pad, one housing and plates with nothing in between",
+        )),
+        None => Ok(()),
+    }
+}
+
 /// The pad, of which there is one.
 pub(super) fn pad_of(scene: &Scene) -> Result<&Surface, Error> {
     let mut pads = scene.surfaces.iter().filter(|s| s.role == Role::Pad);

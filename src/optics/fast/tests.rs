@@ -1,5 +1,5 @@
 use super::*;
-use crate::optics::{Film, LightShape, Material, Mesh, bench_scene, reference};
+use crate::optics::{Film, LightShape, Material, Mesh, Role, Surface, bench_scene, reference};
 use std::f32::consts::FRAC_1_PI;
 use std::sync::{Arc, LazyLock};
 
@@ -244,6 +244,14 @@ fn what_it_cannot_render_it_refuses_and_names_the_reference() {
         *s = bench_scene::parse(SCENE, bench_scene::Variant::B).unwrap();
         s.surfaces[2].material = Material::RoughDielectric { ior: 1.49, alpha: 0.1 };
     });
+    // What would throw shadows that it knows nothing of.
+    for role in [Role::Other, Role::Housing] {
+        refused(&|s| {
+            let mesh =
+                Arc::new(Mesh::parallelogram(Vec3::new(-5.0, -3.0, 1.0), Vec3::Y * 6.0, Vec3::Z * 3.0));
+            s.surfaces.push(Surface { name: "baffle".to_owned(), role, mesh, ..s.surfaces[1].clone() });
+        });
+    }
     let mut moved = scene(bench_scene::Variant::Ac, sphere);
     moved.lights[0].radiance *= 2.0;
     assert!(Renderer::new(&ONCE, &moved, 0.005).is_err());

@@ -1,0 +1,201 @@
+use super::*;
+use crate::optics::fast::TOLERANCES;
+use crate::optics::imager::{Imager, Method, Notice};
+use crate::optics::reference::{Renderer, Settings, Sight};
+use crate::optics::render_file::{Mode, Request, render_sensor};
+use crate::optics::sensor::{BaffleShapeSpec, BaffleSpec, LensSpec};
+use crate::optics::{Film, bench_scene::Variant};
+
+/// A box of 16 mm with a light on the left wall near the face and one high on the right.
+fn sensor(rest: &str) -> SensorOptics {
+    let light = |name: &str, x: f64, z: f64| {
+        format!(
+            "[[lights]]\nname = \"{name}\"\nshape = {{ kind = \"rectangle\", center_mm = [{x:?}, 0.0, {z:?}], \
+             facing = [{:?}, 0.0, 0.0], size_mm = [6.0, 2.0] }}\nrgb = [255.0, 255.0, 255.0]\nenergy = 1000.0\n",
+            -x.signum()
+        )
+    };
+    toml::from_str(&format!(
+        "max_events = 12\n[camera]\nwidth_px = 24\nheight_px = 18\nmm_per_px = 0.5\ndistance_mm = 12.0\n[housing]\n\
+         x_mm = [-8.0, 8.0]\ny_mm = [-8.0, 8.0]\nheight_mm = 14.0\nalbedo = 0.4\n{}{}{rest}",
+        light("low", -7.999, -2.5),
+        light("high", 7.999, -11.0)
+    ))
+    .unwrap()
+}
+
+fn lens(front_radius_mm: Option<f64>, ior: f64) -> LensSpec {
+    LensSpec { gap_mm: 4.0, thickness_mm: 5.0, diameter_mm: 15.0, front_radius_mm, back_radius_mm: None, ior }
+}
+
+fn flat() -> DisplacedSurface {
+    DisplacedSurface::flat(33, 33, [16.0, 16.0])
+}
+
+fn renderer(sensor: &SensorOptics) -> Renderer {
+    Renderer::new(&scene(sensor, &flat(), None).unwrap()).unwrap()
+}
+
+fn render(sensor: &SensorOptics, samples: u32, seed: u32) -> Film {
+    renderer(sensor).render(&Settings { samples, seed })
+}
+
+#[test]
+fn a_lens_of_air_changes_nothing() {
+    let without = sensor("");
+    let mut with = without.clone();
+    with.lens = Some(lens(Some(9.0), 1.0));
+    assert!((camera_of(&with).tan_half_x / camera_of(&without).tan_half_x - 1.0).abs() < 1e-6);
+    let (a, b) = (render(&without, 256, 1), render(&with, 1024, 2));
+    // Two pictures of each tell their noise (through the lens the high light is found by chance alone), the square root of two
+    // times that between one and one.
+    let noise = a.relative_rmse(&render(&without, 256, 3)).hypot(b.relative_rmse(&render(&with, 1024, 4)));
+    let error = b.relative_rmse(&a);
+    assert!(error < 0.8 * noise && noise < 0.2, "{error} {noise}");
+    let means = b.mean() / a.mean();
+    assert!((means - Vec3::ONE).abs().max_element() < 0.01, "{means}");
+    // Light by light as well.
+    let by_light = |sensor: &SensorOptics, samples| {
+        renderer(sensor)
+            .render_lights(&Settings { samples, seed: 5 })
+            .iter()
+            .map(|f| f.mean().x)
+            .collect::<Vec<_>>()
+    };
+    for (k, (a, b)) in by_light(&without, 256).into_iter().zip(by_light(&with, 1024)).enumerate() {
+        assert!((b / a - 1.0).abs() < [0.01, 0.03][k], "light {k}: {b} {a}");
+    }
+}
+
+#[test]
+fn pixels_see_through_a_lens_what_refraction_says() {
+    let mut sensor = sensor("");
+    let center = [0.5, -0.75];
+    sensor.camera.center_mm = center;
+    for lens in [
+        lens(None, 1.5),
+        lens(Some(14.0), 1.5),
+        // A shell, and a lens that is hollow below.
+        LensSpec { back_radius_mm: Some(-9.0), ..lens(Some(12.0), 1.6) },
+        LensSpec { front_radius_mm: Some(-20.0), ..lens(None, 1.4) },
+    ] {
+        sensor.lens = Some(lens.clone());
+        let line = Sightline::of(&sensor);
+        let tan_half_x = f64::from(camera_of(&sensor).tan_half_x);
+        let sights = renderer(&sensor).sights();
+        let mut seen = 0;
+        for (k, sight) in sights.iter().enumerate() {
+            let at = [(k % 24) as f64 - 11.5, (k / 24) as f64 - 8.5];
+            let tangent = at[0].hypot(at[1]) * tan_half_x / 12.0;
+            let (Some(Sight { point, .. }), Some(r)) = (sight, line.meets(tangent, 0.0)) else { continue };
+            let off = [f64::from(point.x) - center[0], f64::from(point.y) - center[1]];
+            // Facets that bent light by their own normals would be off by hundredths.
+            assert!((off[0].hypot(off[1]) - r).abs() < 2e-3, "{lens:?} {at:?}: {off:?} {r}");
+            let turned = (off[0] * at[1] - off[1] * at[0]) / at[0].hypot(at[1]);
+            assert!(turned.abs() < 2e-3, "{lens:?} {at:?}: {off:?}");
+            seen += 1;
+        }
+        assert!(seen > 150, "{seen} {lens:?}");
+        // Near the axis a pixel sees what its description says.
+        let near = sights[9 * 24 + 12].unwrap();
+        let mm_per_px = (f64::from(near.point.x) - center[0]) / 0.5;
+        assert!((mm_per_px / sensor.camera.mm_per_px - 1.0).abs() < 5e-3, "{mm_per_px} {lens:?}");
+    }
+}
+
+#[test]
+fn a_sheet_before_a_light_hides_it() {
+    let mut sensor = sensor("");
+    sensor.max_events = 1;
+    let by_light = |sensor: &SensorOptics| -> Vec<f32> {
+        let films = renderer(sensor).render_lights(&Settings { samples: 64, seed: 5 });
+        films.iter().map(|film| film.mean().x).collect()
+    };
+    let open = by_light(&sensor);
+    let sheet = |name: &str, center_mm: [f64; 3], size_mm: [f64; 2]| BaffleSpec {
+        name: name.to_owned(),
+        shape: BaffleShapeSpec::Rectangle { center_mm, facing: [1.0, 0.0, 0.0], size_mm },
+        albedo: 0.0,
+    };
+    sensor.baffles = vec![sheet("low", [-7.5, 0.0, -2.5], [10.0, 4.0])];
+    let hidden = by_light(&sensor);
+    assert!(
+        hidden[0].abs() < 0.02 * open[0] && (hidden[1] / open[1] - 1.0).abs() < 0.03,
+        "{hidden:?} {open:?}"
+    );
+    // A block does the same, and half of a sheet half of it.
+    sensor.baffles[0].shape = BaffleShapeSpec::Box { from_mm: [-7.4, 5.0, -4.5], to_mm: [-7.6, -5.0, -0.5] };
+    let block = by_light(&sensor);
+    assert!(block[0].abs() < 0.02 * open[0], "{block:?} {open:?}");
+    sensor.baffles = vec![sheet("half", [-7.5, -2.5, -2.5], [5.0, 4.0])];
+    let half = by_light(&sensor)[0] / open[0];
+    assert!((half - 0.5).abs() < 0.02, "{half}");
+    // Its colour counts: what a white one reflects comes back.
+    sensor.max_events = 8;
+    let dark = by_light(&sensor)[1];
+    sensor.baffles[0].albedo = 0.9;
+    assert!(by_light(&sensor)[1] > 1.01 * dark);
+}
+
+#[test]
+fn what_hides_or_bends_light_falls_back_and_names_its_key() {
+    let mut with_baffle = sensor(
+        "[[baffles]]\nname = \"hood\"\nshape = { kind = \"box\", from_mm = [-7.0, -3.0, -4.0], to_mm = [-6.0, 3.0, -3.0] }\n",
+    );
+    with_baffle.camera.width_px = 12;
+    with_baffle.camera.height_px = 9;
+    assert_eq!(with_baffle.baffles[0].albedo, 0.05);
+    let mut with_lens = with_baffle.clone();
+    with_lens.baffles.clear();
+    with_lens.lens = Some(lens(Some(9.0), 1.5));
+    for (sensor, told) in [
+        (with_baffle, "optics.baffles = \"hood\": the fast mode renders sensors without baffles only"),
+        (with_lens, "optics.lens = of index 1.5: the fast mode renders sensors without a lens or dome only"),
+    ] {
+        let fallback = Settings { samples: 1, seed: 0 };
+        let imager =
+            Imager::new(&sensor, Method::Fast { tolerance: TOLERANCES[1], fallback }, None, &flat()).unwrap();
+        let [Notice::FellBack { why, samples: 64 }] = imager.notices() else {
+            panic!("{:?}", imager.notices())
+        };
+        assert!(why.starts_with(told), "{why}");
+        assert_eq!(imager.picture(&flat(), 0).unwrap().method.name(), "reference");
+        // Asked for by name the fast mode refuses.
+        let request = Request {
+            variant: Variant::Ac,
+            mode: Mode::Fast,
+            samples: 1,
+            tolerance: 0.01,
+            seed: 0,
+            size: None,
+            repeat: 1,
+            basis: false,
+            store: None,
+        };
+        let refused = render_sensor(&sensor, &flat(), &request).unwrap_err().to_string();
+        assert!(refused.starts_with(told), "{refused}");
+    }
+}
+
+#[test]
+fn a_pressed_face_that_reaches_into_a_lens_or_a_baffle_is_refused() {
+    let mut sensor = sensor("");
+    let pressed = |depth: f32, x: f32| {
+        let mut face = flat();
+        face.positions.iter_mut().for_each(|p| p.z -= depth * (-((p.x - x).powi(2) + p.y * p.y) / 4.0).exp());
+        face
+    };
+    let told = |sensor: &SensorOptics, face: &DisplacedSurface| {
+        scene(sensor, face, None).map_err(|e| e.to_string()).err().unwrap_or_default()
+    };
+    sensor.lens = Some(LensSpec { gap_mm: 1.0, ..lens(Some(9.0), 1.5) });
+    assert_eq!(told(&sensor, &pressed(0.9, 0.0)), "");
+    assert!(told(&sensor, &pressed(1.1, 0.0)).contains("the pad of the scene: it reaches into the lens"));
+    // Off its axis a convex lens leaves more room.
+    assert_eq!(told(&sensor, &pressed(1.4, 4.0)), "");
+    sensor.lens = None;
+    let shape = BaffleShapeSpec::Box { from_mm: [3.0, -1.0, -2.0], to_mm: [5.0, 1.0, -1.2] };
+    sensor.baffles = vec![BaffleSpec { name: "block".to_owned(), shape, albedo: 0.1 }];
+    assert_eq!(told(&sensor, &pressed(1.4, -4.0)), "");
+    assert!(told(&sensor, &pressed(1.4, 4.0)).contains("reaches into the baffle \"block\""));
+}
