@@ -141,6 +141,34 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_shell_under_a_domed_pad_and_hoods_beside_the_camera_are_sound() {
+        let text = include_str!("../../rig_configs/sensors/domed.toml");
+        let parts = "[optics.lens]\ngap_mm = 1.0\nthickness_mm = 4.0\ndiameter_mm = 14.0\nfront_radius_mm = 12.5\n\
+                     back_radius_mm = -8.5\nior = 1.49\n[[optics.baffles]]\nname = \"hood\"\nshape = { kind = \"rectangle\", \
+                     center_mm = [0.0, -3.0, -10.8], facing = [0.0, 1.0, 0.0], size_mm = [4.0, 1.0] }\n[[optics.baffles]]\n\
+                     name = \"sill\"\nshape = { kind = \"box\", from_mm = [-9.1, -3.0, -8.0], to_mm = [-8.0, 3.0, -7.0] }\n";
+        let check = |parts: &str| {
+            let file: SensorFile = toml::from_str(&format!("{text}\n{parts}")).unwrap();
+            let mut problems = Problems::new();
+            file.check("domed", None, &mut problems);
+            problems.into_vec()
+        };
+        assert_eq!(check(parts), Vec::new());
+        // In the shell it is not.
+        let inside = check(
+            &parts
+                .replace("[-9.1, -3.0, -8.0]", "[-6.0, -3.0, -8.0]")
+                .replace("[-8.0, 3.0, -7.0]", "[-5.0, 3.0, -3.0]"),
+        );
+        assert_eq!(
+            inside.iter().map(|p| p.key.as_str()).collect::<Vec<_>>(),
+            ["optics.baffles[1].shape"],
+            "{inside:?}"
+        );
+        assert!(inside[0].value.contains("in the lens"), "{inside:?}");
+    }
+
+    #[test]
     fn the_untouched_picture_is_read_beside_the_file_and_has_the_cameras_size() {
         let folder = tempfile::tempdir().unwrap();
         let text = include_str!("../../rig_configs/sensors/gelsight.toml");

@@ -6,8 +6,8 @@ use glam::{DVec3, Vec3};
 /// Whether a triangle of one crosses a triangle of the other.
 pub fn cut(a: &Mesh, b: &Mesh) -> bool {
     let all = bounds(&b.positions);
-    let near = (0..a.triangles.len()).map(|k| a.corners(k)).filter(|t| meet(bounds(t), all));
-    near.into_iter().any(|t| {
+    let mut near = (0..a.triangles.len()).map(|k| a.corners(k)).filter(|t| meet(bounds(t), all));
+    near.any(|t| {
         let its = bounds(&t);
         (0..b.triangles.len())
             .map(|k| b.corners(k))

@@ -123,7 +123,7 @@ impl<'a> Path<'a> {
                 let lobe_throughput = lobe_throughput / survive;
                 Arrival::Scattered { from: surfel.hit.point, pdf: next.pdf, lobe_throughput }
             } else {
-                let straight = scene.plate.is_some() && next.wi.z < 0.0 && surfel.normal.z.abs() > 0.999;
+                let straight = surfel.connects && next.wi.z < 0.0 && surfel.normal.z.abs() > 0.999;
                 match arrival {
                     Arrival::Scattered { lobe_throughput, .. } | Arrival::Through { lobe_throughput }
                         if straight =>

@@ -21,7 +21,7 @@ pub struct Prepared {
     pub offset: f32,
     /// Boxes around clear bodies: no closed-form light through them.
     clear: Vec<[Vec3; 2]>,
-    /// The only clear body, if it is a plate through which lights can be connected exactly.
+    /// The only plate through which lights can be connected exactly; other clear bodies are in the way of such connections.
     pub plate: Option<Plate>,
     /// Rooms: parts that are faces of an axis-aligned box; they block nothing between points inside.
     rooms: Vec<[Vec3; 2]>,
@@ -38,6 +38,8 @@ struct Part {
     material: Material,
     light: Option<usize>,
     pad: bool,
+    /// Whether it is the plate through which lights are connected.
+    connects: bool,
     first_triangle: usize,
     /// Texture coordinates by corner; empty where nothing needs them.
     uvs: Vec<[Vec2; 3]>,
@@ -51,6 +53,8 @@ pub struct Surfel {
     pub light: Option<usize>,
     /// Whether it is the pad's face.
     pub pad: bool,
+    /// Whether it is the plate through which lights are connected.
+    pub connects: bool,
     /// Texture coordinate, 0 where the surface has none.
     pub uv: Vec2,
     /// Normal on the side the ray came from: that of the triangle, or of the clear curved surface that it stands for.
@@ -89,7 +93,7 @@ impl Prepared {
                 clear.push(bounds);
             }
             if let (Material::Dielectric { ior }, true) = (&surface.material, is_room(mesh, bounds)) {
-                plates.push(Plate::new(bounds, *ior));
+                plates.push((Plate::new(bounds, *ior), parts.len()));
             }
             if !is_clear && is_room(mesh, bounds) {
                 rooms.push(bounds);
@@ -111,6 +115,7 @@ impl Prepared {
                 material: surface.material.clone(),
                 light: None,
                 pad,
+                connects: false,
                 first_triangle: triangles.len(),
                 uvs,
                 normals,
@@ -127,11 +132,16 @@ impl Prepared {
                 material: Material::Lambert { albedo: Albedo::Constant(light.albedo) },
                 light: Some(k),
                 pad: false,
+                connects: false,
                 first_triangle: triangles.len(),
                 uvs: Vec::new(),
                 normals: Vec::new(),
             });
             triangles.extend((0..mesh.triangles.len()).map(|k| mesh.corners(k)));
+        }
+        let connecting = if plates.len() == 1 { plates.pop() } else { None };
+        if let Some((_, part)) = connecting {
+            parts[part].connects = true;
         }
         Ok(Self {
             camera: scene.camera.clone(),
@@ -141,7 +151,7 @@ impl Prepared {
             names: scene.lights.iter().map(|l| l.name.clone()).collect(),
             accel: Accel::new(&triangles),
             offset: extent * 2e-6,
-            plate: if clear.len() == 1 { plates.pop() } else { None },
+            plate: connecting.map(|(plate, _)| plate),
             clear,
             rooms: rooms.into_iter().map(|room| grow(room, margin)).collect(),
             blockers,
@@ -173,6 +183,7 @@ impl Prepared {
         Some(Surfel {
             light: part.light,
             pad: part.pad,
+            connects: part.connects,
             uv,
             normal,
             bsdf: Bsdf::new(&part.material, uv, outside),

@@ -68,6 +68,21 @@ fn a_lens_of_air_changes_nothing() {
 }
 
 #[test]
+fn lights_are_still_found_through_a_plate_beside_a_lens() {
+    let mut without = sensor("[plate]\ngap_mm = 0.5\nthickness_mm = 0.5\nior = 1.5\n");
+    without.lights.truncate(1);
+    let mut with = without.clone();
+    with.lens = Some(lens(Some(9.0), 1.0));
+    let pictures = |sensor: &SensorOptics| [6, 7].map(|seed| render(sensor, 512, seed));
+    let ([a, b], [c, d]) = (pictures(&without), pictures(&with));
+    let mean = |a: &Film, b: &Film| a.mean().x + b.mean().x;
+    assert!((mean(&c, &d) / mean(&a, &b) - 1.0).abs() < 0.02, "{} {}", mean(&c, &d), mean(&a, &b));
+    // By chance alone the light would be found with several times the noise.
+    let noise = [a.relative_rmse(&b), c.relative_rmse(&d)];
+    assert!(noise[1] < 2.0 * noise[0], "{noise:?}");
+}
+
+#[test]
 fn pixels_see_through_a_lens_what_refraction_says() {
     let mut sensor = sensor("");
     let center = [0.5, -0.75];
