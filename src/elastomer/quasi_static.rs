@@ -56,7 +56,6 @@ use level::Level;
 use refinement::UNRESOLVED;
 use relief::Splined;
 pub use resolution::Resolution;
-use resolution::sees_edges;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -206,14 +205,15 @@ impl QuasiStaticSolver {
 }
 
 impl QuasiStaticSolver {
-    /// What the finest level has to tell, the face under edges in finer relief than its splines have.
+    /// What the finest level has to tell, the face in finer relief than its splines have.
     fn face(&self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
         let (level, indenter) = (self.finest(), self.indenter.as_ref());
         let (grid, size) = (level.grid(), self.pad.size_mm);
         let cell_mm = [grid.hx, grid.hy];
         let spacing = [size[0] / nx.saturating_sub(1) as f64, size[1] / ny.saturating_sub(1) as f64];
-        let finer = relief::finer(spacing, cell_mm).filter(|_| sees_edges(indenter, size, grid.hx));
-        let Some([mx, my]) = finer else { return level.capture(indenter, nx, ny) };
+        let Some([mx, my]) = relief::finer(spacing, cell_mm) else {
+            return level.capture(indenter, nx, ny);
+        };
         let mut capture = level.capture(indenter, mx * (nx - 1) + 1, my * (ny - 1) + 1)?;
         let loads = level.loads();
         let splined = Splined {

@@ -1,12 +1,13 @@
-//! The face under a body with edges, finer than the splines that carry it.
+//! The face under a body, finer than the splines that carry it.
 //!
-//! Beside an edge the pressure of a body rises without bound and the face bends within less than a cell: splines follow
-//! cell by cell, which shows as beads along slanted edges. What they miss is local, and over a cell or two a pad is as good
-//! as a layer that gives way linearly. So the face is what it would be without any pressure, which is smooth and taken from
-//! the splines, and the layer's answer to the pressure on it, which is found anew on the lattice: nowhere negative, and
-//! nothing inside the body (the conjugate gradients of Polonsky and Keer 1999, "A numerical method for solving rough contact
-//! problems based on the multi-level multi-summation and conjugate gradient techniques"). That moves points along z only:
-//! the face of a nearly incompressible layer does not move along itself when it is pressed.
+//! At the edge of a contact the face bends within less than a cell, and beside an edge of the body the pressure rises without
+//! bound: splines follow cell by cell, which shows as beads along slanted edges and as corners on the rim of a ball. What
+//! they miss is local, and over a cell or two a pad is as good as a layer that gives way linearly. So the face is what it
+//! would be without any pressure, which is smooth and taken from the splines, and the layer's answer to the pressure on it,
+//! which is found anew on the lattice: nowhere negative, and nothing inside the body (the conjugate gradients of Polonsky and
+//! Keer 1999, "A numerical method for solving rough contact problems based on the multi-level multi-summation and conjugate
+//! gradient techniques"). That moves points along z only: the face of a nearly incompressible layer does not move along
+//! itself when it is pressed.
 
 use super::body::Body;
 use super::compliance::Compliance;
@@ -63,7 +64,8 @@ struct Window {
 }
 
 impl Splined<'_> {
-    /// Brings a face into shape, and tells where it is pressed. `rest_z` is the height of the undeformed face.
+    /// Brings a face into shape, and tells where it is pressed. `rest_z` is the height of the undeformed face. Where no pressure
+    /// is found that does, or what presses does so by friction alone, the face is left as the splines have it.
     pub fn relieve(&self, face: &mut Surface, contact: &mut [bool], rest_z: impl Fn(f64, f64) -> f64) {
         let spacing = [face.size_x_mm / (face.nx - 1) as f64, face.size_y_mm / (face.ny - 1) as f64];
         let Some(window) = self.window(face, spacing) else { return };
@@ -117,7 +119,7 @@ impl Splined<'_> {
             let part = (inside(i, 0, face.nx) * inside(j, 1, face.ny)) as f32;
             let to = j * face.nx + i;
             face.positions[to].z += part * (free[k] - given[k] - splined[k]);
-            contact[to] = pressure[k] > 0.0;
+            contact[to] = is_covered(&pressure, nx, k);
         }
     }
 
@@ -197,6 +199,19 @@ fn settle(gap: &[f32], layer: &mut Compliance, mut pressure: Vec<f32>) -> Option
         }
     }
     None
+}
+
+/// Whether a point stands for a part of the face that is pressed: one at the edge of the contact that bears less than this of
+/// what its pressed neighbours do has most of its part outside.
+const COVERED: f32 = 0.5;
+
+fn is_covered(pressure: &[f32], nx: usize, k: usize) -> bool {
+    let neighbours = [k.wrapping_sub(1), k + 1, k.wrapping_sub(nx), k + nx];
+    let (sum, n) = neighbours
+        .iter()
+        .filter_map(|k| pressure.get(*k).filter(|p| **p > 0.0))
+        .fold((0.0, 0u8), |(sum, n), p| (sum + p, n + 1));
+    pressure[k] > 0.0 && (n == 4 || pressure[k] * f32::from(n) >= COVERED * sum)
 }
 
 /// Smooths a field by a Gaussian whose standard deviations along x and y are given in points; at its ends it is continued as

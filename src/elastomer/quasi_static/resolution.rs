@@ -63,9 +63,26 @@ impl Resolution {
     pub fn for_body(self, body: &dyn Indenter, size: [f64; 3]) -> Self {
         let [hx, hy] = body.half_extent_mm();
         let short = (INCREMENT_OVER_RADIUS * hx.min(hy)).max(SHORTEST_MM);
-        let longest =
-            if sees_edges(body, size, self.cell_mm) { EDGED_INCREMENT_MM } else { LONGEST_INCREMENT_MM };
+        let longest = if self.sees_edges(body, size) { EDGED_INCREMENT_MM } else { LONGEST_INCREMENT_MM };
         Self { increment_mm: longest.min(short), ..self }
+    }
+
+    /// Whether the underside of a body, as much as the pad can touch, bends sharply or ends between three neighbours
+    /// on a lattice of cells.
+    fn sees_edges(&self, body: &dyn Indenter, size: [f64; 3]) -> bool {
+        let half = body.half_extent_mm();
+        let cell = self.cell_mm;
+        let reach: [i32; 2] = std::array::from_fn(|a| (half[a].min(size[a] / 2.0) / cell).ceil() as i32);
+        let height = |i: i32, j: i32| {
+            body.lower_surface(f64::from(i) * cell, f64::from(j) * cell).unwrap_or(f64::INFINITY)
+        };
+        let edged = |a: f64, b: f64, c: f64| b <= EDGES_UP_TO_MM && (a - 2.0 * b + c) / cell > EDGE_SLOPE;
+        (-reach[1]..=reach[1]).any(|j| {
+            (-reach[0]..=reach[0]).any(|i| {
+                let at = height(i, j);
+                edged(height(i - 1, j), at, height(i + 1, j)) || edged(height(i, j - 1), at, height(i, j + 1))
+            })
+        })
     }
 
     /// Cells with which the error may be expected to fall from `stated` to `wanted` on a pad of `size` mm, though at
@@ -93,21 +110,4 @@ impl Resolution {
         }
         all
     }
-}
-
-/// Whether the underside of a body, as much as the pad can touch, bends sharply or ends between three neighbours
-/// on a lattice of cells this wide, mm.
-pub fn sees_edges(body: &dyn Indenter, size: [f64; 3], cell: f64) -> bool {
-    let half = body.half_extent_mm();
-    let reach: [i32; 2] = std::array::from_fn(|a| (half[a].min(size[a] / 2.0) / cell).ceil() as i32);
-    let height = |i: i32, j: i32| {
-        body.lower_surface(f64::from(i) * cell, f64::from(j) * cell).unwrap_or(f64::INFINITY)
-    };
-    let edged = |a: f64, b: f64, c: f64| b <= EDGES_UP_TO_MM && (a - 2.0 * b + c) / cell > EDGE_SLOPE;
-    (-reach[1]..=reach[1]).any(|j| {
-        (-reach[0]..=reach[0]).any(|i| {
-            let at = height(i, j);
-            edged(height(i - 1, j), at, height(i + 1, j)) || edged(height(i, j - 1), at, height(i, j + 1))
-        })
-    })
 }
