@@ -9,10 +9,11 @@
 //! itself.
 //!
 //! A path is followed in increments ([`level`]), first on coarse grids, whose answers are the guesses of finer ones
-//! ([`cascade`], [`bridge`]); what an increment leaves behind is the displacement and, with friction, the anchors of the
-//! points that touch. Nothing is computed before the first touch. An increment that does not converge is halved, and
-//! given up with a typed error in the end. What an answer lacks it states ([`level`], [`probe`], [`symmetry`]), and
-//! where that is too much, finer cells are tried (`refinement`).
+//! ([`cascade`], [`bridge`]); what an increment leaves behind is the displacement and, with friction, the anchors of
+//! the points that touch; a capture shows the face finer than its splines (`relief`). Nothing is computed before the
+//! first touch. An increment that does not converge is halved, and given up with a typed error in the end. What an
+//! answer lacks it states ([`level`], [`probe`], [`symmetry`]), and where that is too much, finer cells are tried
+//! (`refinement`).
 
 #![allow(
     clippy::needless_range_loop,
@@ -202,9 +203,7 @@ impl QuasiStaticSolver {
         self.arrive(pose);
         Ok(())
     }
-}
 
-impl QuasiStaticSolver {
     /// What the finest level has to tell, the face in finer relief than its splines have.
     fn face(&self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
         let (level, indenter) = (self.finest(), self.indenter.as_ref());

@@ -201,10 +201,11 @@ fn settle(gap: &[f32], layer: &mut Compliance, mut pressure: Vec<f32>) -> Option
     None
 }
 
-/// Whether a point stands for a part of the face that is pressed: one at the edge of the contact that bears less than this of
-/// what its pressed neighbours do has most of its part outside.
+/// Pressure of a point at the edge of the contact over that of its pressed neighbours, below which most of its part of the
+/// face lies outside.
 const COVERED: f32 = 0.5;
 
+/// Whether a point stands for a part of the face that is pressed.
 fn is_covered(pressure: &[f32], nx: usize, k: usize) -> bool {
     let neighbours = [k.wrapping_sub(1), k + 1, k.wrapping_sub(nx), k + nx];
     let (sum, n) = neighbours
