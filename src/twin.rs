@@ -1,17 +1,20 @@
 //! The twin: our physical model of the rig, following the same trajectory.
 //!
 //! It turns a trajectory into simulated captures: [`branches`] finds what paths have in common,
-//! [`simulate`] walks them with an elastomer, [`view`] makes the picture, the depth map and the
+//! [`simulate`] walks them with an elastomer (its [`crew`] several at a time), [`view`] makes the picture, the depth map and the
 //! contact mask that the sensor's camera would give. It knows motion, elastomer and optics; it opens no device and no file.
 //!
 //! What it leaves out: the indenter's own colour (the coating is opaque), heat, creep, dust.
 
+mod agenda;
 pub mod branches;
 pub mod contact_mask;
+pub mod crew;
 pub mod doubt;
 pub mod simulate;
 pub mod view;
 
+pub use crew::Crew;
 pub use doubt::Doubts;
 pub use simulate::{Deformed, Model, Outcome, Walk};
 pub use view::{Picture, View, Wear, untouched_face};
@@ -54,7 +57,7 @@ pub struct Twin {
     /// Seed of everything random.
     pub seed: u64,
     /// The cores it works on.
-    pub pool: rayon::ThreadPool,
+    pub crew: Crew,
     /// What was said of answers that are in doubt.
     pub doubts: Doubts,
 }

@@ -2,7 +2,7 @@
 
 use crate::config::{OpticsMode, Setup, TwinPoses};
 use crate::optics::{imager::Method, reference};
-use crate::twin::{Doubts, FollowedPoses, Model, Twin, View};
+use crate::twin::{Crew, Doubts, FollowedPoses, Model, Twin, View};
 use std::collections::BTreeMap;
 
 /// Why there can be no twin.
@@ -39,27 +39,7 @@ pub fn twin(setup: &Setup) -> Result<Twin, TwinError> {
             TwinPoses::Measured => FollowedPoses::Measured,
         },
         seed: u64::from(optics.seed),
-        pool: pool(rig.twin.threads)?,
+        crew: Crew::new(rig.twin.threads)?,
         doubts: Doubts::default(),
     })
-}
-
-/// Threads that give way: whoever drives motors and cameras comes first.
-fn pool(threads: Option<u32>) -> Result<rayon::ThreadPool, rayon::ThreadPoolBuildError> {
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.map_or(0, |n| n as usize))
-        .thread_name(|i| format!("twin-{i}"))
-        .start_handler(|_| give_way())
-        .build()
-}
-
-/// Lowers the priority of the calling thread. A system that refuses leaves it as it was.
-fn give_way() {
-    #[cfg(target_os = "linux")]
-    {
-        let thread = rustix::thread::gettid();
-        if let Err(e) = rustix::process::setpriority_process(Some(thread), 10) {
-            tracing::debug!("a simulation thread keeps its priority: {e}");
-        }
-    }
 }

@@ -5,6 +5,8 @@
 //! `surface/<capture>.npy` (float32 [ny][nx][3], mm, pad frame) and nothing is rendered unless `--render`
 //! asks for it too; without `--surface` pictures and depth maps are rendered.
 
+mod account;
+mod desk;
 mod mark;
 
 use super::exit::Exit;
@@ -13,16 +15,15 @@ use super::screen;
 use super::signals::Signals;
 use crate::assemble;
 use crate::config::Setup;
-use crate::dataset::depth;
-use crate::image::{npy, png};
-use crate::motion::Trajectory;
+use crate::image::png;
 use crate::optics::sensor::CameraSpec;
 use crate::session::{StopLevel, StopSwitch};
 use crate::twin::branches::grow;
-use crate::twin::{Deformed, Outcome, Picture, Twin, Walk, Wear};
+use crate::twin::{Twin, Walk, Wear};
+use account::Account;
+use desk::Desk;
 use mark::Mark;
-use std::collections::{BTreeMap, BTreeSet};
-use std::io::Write;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -125,9 +126,6 @@ impl Args {
         let wear = if is_rendered { Some(self.wear(&twin)?) } else { None };
 
         mark.leave_in(&self.out)?;
-        let write = |path: PathBuf, bytes: Vec<u8>| {
-            std::fs::write(&path, bytes).map_err(|e| SimulateError::Write { path, why: e.to_string() })
-        };
         let folders = [(true, ""), (self.surface, "surface"), (is_rendered, "sim"), (is_rendered, "depth")];
         for (_, name) in folders.into_iter().filter(|(needed, _)| *needed) {
             let path = self.out.join(name);
@@ -137,66 +135,15 @@ impl Args {
         self.clear_earlier()?;
         let bars = screen::bars();
         let bar = screen::bar(&bars, "simulated", wanted.len() as u64);
-        let path = self.out.join("captures.jsonl");
-        let mut account = Account::begin(&path)?;
-        let (mut failed, mut failure) = (0, None);
-        let mut emit = |outcome: Outcome| -> bool {
-            match outcome {
-                Outcome::Failed { captures, error } => {
-                    failed += captures.len();
-                    bar.inc(captures.len() as u64);
-                    bar.suspend(|| screen::warning(format_args!("captures {captures:?}: {error}")));
-                    for capture in captures {
-                        let line = serde_json::json!({ "capture": capture, "status": "failed", "error": error.to_string() });
-                        if let Err(e) = account.add(capture, line.to_string()) {
-                            failure = Some(e);
-                        }
-                    }
-                    failure.is_none()
-                }
-                Outcome::Deformed(deformed) => {
-                    twin.tell_doubts(&deformed);
-                    let mut store = || -> Result<(), SimulateError> {
-                        let picture = match &wear {
-                            Some(wear) => Some(twin.picture(&deformed.pad, wear, deformed.captures[0])?),
-                            None => None,
-                        };
-                        for capture in &deformed.captures {
-                            let surface = &deformed.pad.surface;
-                            if self.surface {
-                                let bytes = npy::encode(surface.ny, surface.nx, &surface.positions);
-                                write(self.out.join(format!("surface/{capture:06}.npy")), bytes)?;
-                            }
-                            if let Some(picture) = &picture {
-                                write(
-                                    self.out.join(format!("sim/{capture:06}.png")),
-                                    png::encode(&picture.image)?,
-                                )?;
-                                let (w, h) = (picture.image.width, picture.image.height);
-                                write(
-                                    self.out.join(format!("depth/{capture:06}.tiff")),
-                                    depth::encode(w, h, &picture.depth_mm)?,
-                                )?;
-                            }
-                            account.add(*capture, line(trajectory, *capture, &deformed, picture.as_ref()))?;
-                            bar.inc(1);
-                        }
-                        Ok(())
-                    };
-                    store().map_err(|e| failure = Some(e)).is_ok()
-                }
-            }
-        };
+        let account = Account::begin(&self.out.join("captures.jsonl"))?;
+        let desk = Desk { args: self, twin: &twin, wear: wear.as_ref(), trajectory, bar: &bar, account };
         let roots = grow(trajectory, &wanted, |i| trajectory.waypoints[i].pose);
-        let lattice = twin.model.settings.surface;
-        let mut walk = Walk { model: &twin.model, lattice, cancel, emit: &mut emit };
-        let is_complete = twin.pool.install(|| walk.run(&roots));
+        let emit = |outcome| desk.take(outcome);
+        let (model, crew) = (&twin.model, &twin.crew);
+        let is_complete =
+            Walk { model, lattice: model.settings.surface, crew, cancel, emit: &emit }.run(&roots);
         bar.finish_and_clear();
-        if let Some(e) = failure {
-            return Err(e);
-        }
-        let simulated = account.lines.len() - failed;
-        account.sort()?;
+        let (simulated, failed) = desk.account.close()?;
         let seconds = begun.elapsed().as_secs_f64();
         Ok(Summary { out: self.out.clone(), captures: wanted.len(), simulated, failed, is_complete, seconds })
     }
@@ -224,7 +171,7 @@ impl Args {
             None => None,
             Some(path) => Some(untouched_picture(path, &twin.view.sensor.camera)?),
         };
-        twin.pool.install(|| twin.wear(untouched.as_ref())).map_err(SimulateError::Sensor)
+        twin.crew.together(|| twin.wear(untouched.as_ref())).map_err(SimulateError::Sensor)
     }
 
     /// The captures of `--captures`, or all.
@@ -255,61 +202,6 @@ fn untouched_picture(path: &Path, camera: &CameraSpec) -> Result<crate::image::P
         return Err(SimulateError::Size { path: path.to_owned(), found, wanted });
     }
     Ok(picture)
-}
-
-/// `captures.jsonl`: a line is there as soon as its capture is, and in the end they are in order.
-struct Account {
-    path: PathBuf,
-    file: std::fs::File,
-    lines: BTreeMap<u32, String>,
-}
-
-impl Account {
-    fn begin(path: &Path) -> Result<Self, SimulateError> {
-        let file = std::fs::File::create(path).map_err(|e| unwritten(path, &e))?;
-        Ok(Self { path: path.to_owned(), file, lines: BTreeMap::new() })
-    }
-
-    fn add(&mut self, capture: u32, line: String) -> Result<(), SimulateError> {
-        writeln!(self.file, "{line}").map_err(|e| unwritten(&self.path, &e))?;
-        self.lines.insert(capture, line);
-        Ok(())
-    }
-
-    /// Twins of one walk come in the order of the walk; readers expect that of the plan.
-    fn sort(&self) -> Result<(), SimulateError> {
-        let text: String = self.lines.values().flat_map(|line| [line.as_str(), "\n"]).collect();
-        crate::dataset::atomic::place(&self.path, text.as_bytes(), None).map_err(SimulateError::Dataset)
-    }
-}
-
-fn unwritten(path: &Path, error: &std::io::Error) -> SimulateError {
-    SimulateError::Write { path: path.to_owned(), why: error.to_string() }
-}
-
-/// A line of `captures.jsonl`.
-fn line(trajectory: &Trajectory, capture: u32, deformed: &Deformed, picture: Option<&Picture>) -> String {
-    let mark = &trajectory.captures[capture as usize];
-    let (forces, pad) = (&deformed.pad.forces, &deformed.pad);
-    let mut line = serde_json::json!({
-        "capture": capture,
-        "status": "simulated",
-        "indenter": trajectory.episodes[mark.episode as usize].indenter,
-        "pose": deformed.pose,
-        "normal_force_n": forces.normal_force_n,
-        "shear_force_n": forces.shear_force_n,
-        "torque_n_mm": forces.torque_n_mm,
-        "solver": pad.stats,
-        "seconds": deformed.took.as_secs_f64(),
-    });
-    if let Some(picture) = picture {
-        line["render_seconds"] = serde_json::json!(picture.took.as_secs_f64());
-        line["optics_mode"] = serde_json::json!(picture.method.name());
-        line["spp"] = serde_json::json!(picture.method.samples());
-        line["light_error"] = serde_json::json!(picture.estimated_error);
-        line["light_meets_tolerance"] = serde_json::json!(picture.meets_tolerance());
-    }
-    line.to_string()
 }
 
 /// What was done.

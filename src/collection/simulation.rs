@@ -7,8 +7,8 @@ use crate::pose::Pose;
 use crate::twin::branches::grow;
 use crate::twin::{FollowedPoses, Outcome, Picture, Twin, Walk, Wear};
 use std::collections::BTreeSet;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 
@@ -35,10 +35,10 @@ impl Simulation {
             return Ok(Vec::new());
         }
         let Some(wear) = self.wait_for_background()? else { return Ok(Vec::new()) };
-        self.twin.pool.install(|| match self.twin.follow {
+        match self.twin.follow {
             FollowedPoses::Commanded => self.commanded(&wanted, &wear),
             FollowedPoses::Measured => self.measured(&wanted, &wear),
-        })
+        }
     }
 
     /// The picture of the untouched sensor; `None` when the collection ends before there is one.
@@ -47,10 +47,10 @@ impl Simulation {
             let bytes = self.background.borrow().clone();
             if let Some(bytes) = bytes {
                 let picture = png::decode(&bytes)?;
-                return Ok(Some(self.twin.wear(Some(&picture))?));
+                return Ok(Some(self.twin.crew.together(|| self.twin.wear(Some(&picture)))?));
             }
             if self.alone {
-                return Ok(Some(self.twin.wear(None)?));
+                return Ok(Some(self.twin.crew.together(|| self.twin.wear(None))?));
             }
             if self.ended(&self.background) {
                 return Ok(None);
@@ -66,34 +66,38 @@ impl Simulation {
         self.walk(&roots, wear)
     }
 
-    /// Episode after episode, each as soon as all its captures are measured.
+    /// Every episode as soon as all its captures are measured; those that wait when a walk ends share the next.
     fn measured(&self, wanted: &BTreeSet<u32>, wear: &Wear) -> Result<NotSimulated, CollectionError> {
         let trajectory = self.dataset.trajectory();
+        let captures_of =
+            |episode: usize| trajectory.waypoints_of(episode as u32).iter().filter_map(|w| w.capture);
+        let is_wanted = |episode: &usize| captures_of(*episode).any(|c| wanted.contains(&c));
+        let pose_of = |i: usize| -> Pose {
+            let commanded = &trajectory.waypoints[i];
+            let measured = commanded.capture.and_then(|c| self.dataset.real(c));
+            measured.map_or(commanded.pose, |line| line.record.measured)
+        };
+        let mut awaited: Vec<usize> = (0..trajectory.episodes.len()).filter(is_wanted).collect();
         let mut not_simulated = Vec::new();
-        for (index, episode) in trajectory.episodes.iter().enumerate() {
-            let captures: Vec<u32> =
-                trajectory.waypoints_of(index as u32).iter().filter_map(|w| w.capture).collect();
-            let due: BTreeSet<u32> = captures.iter().copied().filter(|c| wanted.contains(c)).collect();
-            loop {
-                // Asked in this order: what came last is seen although the bench has ended since.
-                let ended = self.alone || self.ended(&self.measured);
-                if captures.iter().all(|c| self.measured.borrow().contains(c)) {
+        while !awaited.is_empty() {
+            // Asked in this order: what came last is seen although the bench has ended since.
+            let ended = self.alone || self.ended(&self.measured);
+            let is_measured = |episode: &usize| {
+                let measured = self.measured.borrow();
+                captures_of(*episode).all(|c| measured.contains(&c))
+            };
+            let (ready, rest): (Vec<_>, Vec<_>) = awaited.into_iter().partition(is_measured);
+            awaited = rest;
+            if ready.is_empty() {
+                if ended {
                     break;
                 }
-                if ended {
-                    return Ok(not_simulated);
-                }
                 std::thread::sleep(Duration::from_millis(20));
+                continue;
             }
-            let pose_of = |i: usize| -> Pose {
-                let commanded = &trajectory.waypoints[i];
-                let measured = commanded.capture.and_then(|c| self.dataset.real(c));
-                measured.map_or(commanded.pose, |line| line.record.measured)
-            };
-            if !due.is_empty() {
-                tracing::debug!(episode = index, indenter = episode.indenter, "simulating measured poses");
-                not_simulated.extend(self.walk(&grow(trajectory, &due, pose_of), wear)?);
-            }
+            tracing::debug!(episodes = ?ready, "simulating measured poses");
+            let due = ready.into_iter().flat_map(captures_of).filter(|c| wanted.contains(c)).collect();
+            not_simulated.extend(self.walk(&grow(trajectory, &due, pose_of), wear)?);
         }
         Ok(not_simulated)
     }
@@ -103,15 +107,16 @@ impl Simulation {
         roots: &[crate::twin::branches::Root],
         wear: &Wear,
     ) -> Result<NotSimulated, CollectionError> {
-        let mut not_simulated = Vec::new();
-        let mut failure = None;
-        let mut emit = |outcome: Outcome| match outcome {
+        let not_simulated = Mutex::new(Vec::new());
+        let failure = OnceLock::new();
+        let emit = |outcome: Outcome| match outcome {
             Outcome::Failed { captures, error } => {
                 let why = error.to_string();
                 let _ = self
                     .progress
                     .send(Progress::NotSimulated { captures: captures.clone(), why: why.clone() });
-                not_simulated.push((captures, why));
+                // A push leaves the list whole whatever happens elsewhere.
+                not_simulated.lock().unwrap_or_else(PoisonError::into_inner).push((captures, why));
                 true
             }
             Outcome::Deformed(deformed) => {
@@ -121,14 +126,16 @@ impl Simulation {
                     .picture(&deformed.pad, wear, deformed.captures[0])
                     .map_err(CollectionError::from)
                     .and_then(|picture| self.store(&deformed, &picture));
-                stored.map_err(|e| failure = Some(e)).is_ok()
+                // The first failure ends the walk; what others fail of after it is not told.
+                stored.map_err(|e| failure.set(e)).is_ok()
             }
         };
+        let (model, crew) = (&self.twin.model, &self.twin.crew);
         let lattice = self.twin.lattice_for_pictures();
-        Walk { model: &self.twin.model, lattice, cancel: &self.cancel, emit: &mut emit }.run(roots);
-        match failure {
+        Walk { model, lattice, crew, cancel: &self.cancel, emit: &emit }.run(roots);
+        match failure.into_inner() {
             Some(e) => Err(e),
-            None => Ok(not_simulated),
+            None => Ok(not_simulated.into_inner().unwrap_or_else(PoisonError::into_inner)),
         }
     }
 

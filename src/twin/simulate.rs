@@ -1,10 +1,13 @@
-//! Walks the tree of paths with an elastomer, and stops at every capture.
+//! Walks the tree of paths with an elastomer, several paths at a time, and stops at every capture.
 
+use super::agenda::{Agenda, Path};
 use super::branches::{Branch, Root};
-use crate::elastomer::{self, Elastomer, ElastomerCapture, Material, Pad, Settings};
+use super::crew::Crew;
+use crate::elastomer::{self, Elastomer, ElastomerCapture, Material, Mode, Pad, Settings};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use std::collections::BTreeMap;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -66,71 +69,131 @@ pub struct Walk<'a> {
     pub model: &'a Model,
     /// Points of the surface lattice along x and y.
     pub lattice: [usize; 2],
+    /// Who walks.
+    pub crew: &'a Crew,
     /// Set to end the walk early.
     pub cancel: &'a Arc<AtomicBool>,
-    /// Receives every outcome, in the order of the walk; answers whether to go on.
-    pub emit: &'a mut (dyn FnMut(Outcome) -> bool + Send),
+    /// Receives every outcome and answers whether to go on. Those of one path come in its order; those of paths that are
+    /// walked side by side come as they are ready, also at the same time.
+    pub emit: &'a (dyn Fn(Outcome) -> bool + Sync),
 }
 
 impl Walk<'_> {
     /// Walks everything below the roots. Answers whether it went to the end.
-    pub fn run(&mut self, roots: &[Root]) -> bool {
-        roots.iter().all(|root| self.root(root))
-    }
-
-    fn root(&mut self, root: &Root) -> bool {
-        let indenter =
-            self.model.indenters.get(&root.indenter).expect("a checked plan names known indenters");
-        let begun = Instant::now();
-        match elastomer::solver(&self.model.pad, &self.model.settings, indenter.clone(), &root.start) {
-            Ok(mut state) => {
-                state.interrupt_by(self.cancel.clone());
-                self.branches(state, &root.next, begun)
+    pub fn run(&self, roots: &[Root]) -> bool {
+        let agenda = Agenda::of(roots);
+        std::thread::scope(|scope| {
+            for walker in 0..self.walkers() {
+                let agenda = &agenda;
+                scope.spawn(move || self.walk(agenda, walker));
             }
-            Err(error) => self.fail(&root.next, error),
+        });
+        !agenda.is_stopped()
+    }
+
+    /// The explicit modes keep every core busy with one path, and their particles fill the memory.
+    fn walkers(&self) -> usize {
+        match self.model.settings.mode {
+            Mode::QuasiStatic => self.crew.walkers(),
+            Mode::Mpm | Mode::Impm => 1,
         }
     }
 
-    /// The last branch takes the state itself, the others a copy.
-    fn branches(&mut self, state: Box<dyn Elastomer>, branches: &[Branch], begun: Instant) -> bool {
-        let Some((last, others)) = branches.split_last() else { return true };
-        for branch in others {
-            if !self.branch(state.fork(), branch, begun) {
-                return false;
+    fn walk<'r>(&self, agenda: &Agenda<'r>, walker: usize) {
+        while let Some((turn, path)) = agenda.next() {
+            let walked = Walker { walk: self, agenda, walker }.path(path);
+            if walked.is_break() {
+                agenda.stop();
             }
+            drop(turn);
         }
-        self.branch(state, last, begun)
     }
+}
 
-    fn branch(&mut self, mut state: Box<dyn Elastomer>, branch: &Branch, mut begun: Instant) -> bool {
-        if self.cancel.load(Ordering::Relaxed) {
-            return false;
-        }
-        match state.advance(&branch.pose) {
-            Ok(()) => {}
-            Err(elastomer::Error::Interrupted) => return false,
-            Err(error) => return self.fail(std::slice::from_ref(branch), error),
-        }
-        if !branch.captures.is_empty() {
-            let [nx, ny] = self.lattice;
-            let pad = match state.capture(nx, ny) {
-                Ok(pad) => pad,
+/// One of those who walk.
+struct Walker<'w, 'r> {
+    walk: &'w Walk<'w>,
+    agenda: &'w Agenda<'r>,
+    walker: usize,
+}
+
+impl<'r> Walker<'_, 'r> {
+    /// Walks one path to its end and leaves its forks to others. Breaks when all are to stop.
+    fn path(&self, path: Path<'r>) -> ControlFlow<()> {
+        let mut begun = Instant::now();
+        let (mut state, mut branch) = match path {
+            Path::Forked(state, branch) => (state, branch),
+            Path::FromRest(root) => {
+                let state = match self.at_rest(root) {
+                    Ok(state) => state,
+                    Err(error) => return self.fail(&root.next, error),
+                };
+                match self.forked(state, &root.next) {
+                    Some(first) => first,
+                    None => return ControlFlow::Continue(()),
+                }
+            }
+        };
+        loop {
+            if self.walk.cancel.load(Ordering::Relaxed) {
+                return ControlFlow::Break(());
+            }
+            match self.step(|| state.advance(&branch.pose)) {
+                Ok(()) => {}
+                Err(elastomer::Error::Interrupted) => return ControlFlow::Break(()),
                 Err(error) => return self.fail(std::slice::from_ref(branch), error),
-            };
-            let (captures, took) = (branch.captures.clone(), begun.elapsed());
-            let deformed = Deformed { captures, pose: branch.pose, pad, took };
-            if !(self.emit)(Outcome::Deformed(Box::new(deformed))) {
-                return false;
             }
-            begun = Instant::now();
+            if !branch.captures.is_empty() {
+                let [nx, ny] = self.walk.lattice;
+                let pad = match self.step(|| state.capture(nx, ny)) {
+                    Ok(pad) => pad,
+                    Err(error) => return self.fail(std::slice::from_ref(branch), error),
+                };
+                let (captures, took) = (branch.captures.clone(), begun.elapsed());
+                self.emit(Outcome::Deformed(Box::new(Deformed { captures, pose: branch.pose, pad, took })))?;
+                begun = Instant::now();
+            }
+            match self.forked(state, &branch.next) {
+                Some(next) => (state, branch) = next,
+                None => return ControlFlow::Continue(()),
+            }
         }
-        self.branches(state, &branch.next, begun)
     }
 
-    fn fail(&mut self, branches: &[Branch], error: elastomer::Error) -> bool {
+    fn at_rest(&self, root: &Root) -> Result<Box<dyn Elastomer>, elastomer::Error> {
+        let Model { pad, settings, indenters } = self.walk.model;
+        let indenter = indenters.get(&root.indenter).expect("a checked plan names known indenters");
+        let mut state = self.step(|| elastomer::solver(pad, settings, indenter.clone(), &root.start))?;
+        state.interrupt_by(self.walk.cancel.clone());
+        Ok(state)
+    }
+
+    /// The first branch takes the state itself and goes on with it; the others wait with a copy.
+    fn forked(
+        &self,
+        state: Box<dyn Elastomer>,
+        branches: &'r [Branch],
+    ) -> Option<(Box<dyn Elastomer>, &'r Branch)> {
+        let (first, others) = branches.split_first()?;
+        self.agenda.add(others.iter().map(|branch| Path::Forked(state.fork(), branch)).collect());
+        Some((state, first))
+    }
+
+    fn fail(&self, branches: &[Branch], error: elastomer::Error) -> ControlFlow<()> {
         let mut captures = Vec::new();
         collect_captures(branches, &mut captures);
-        (self.emit)(Outcome::Failed { captures, error })
+        self.emit(Outcome::Failed { captures, error })
+    }
+
+    fn emit(&self, outcome: Outcome) -> ControlFlow<()> {
+        match self.step(|| (self.walk.emit)(outcome)) {
+            true => ControlFlow::Continue(()),
+            false => ControlFlow::Break(()),
+        }
+    }
+
+    fn step<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+        self.walk.crew.step(self.walker, self.agenda.walking(), work)
     }
 }
 
@@ -140,3 +203,6 @@ fn collect_captures(branches: &[Branch], captures: &mut Vec<u32>) {
         collect_captures(&branch.next, captures);
     }
 }
+
+#[cfg(test)]
+mod tests;

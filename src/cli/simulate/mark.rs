@@ -1,6 +1,7 @@
 //! To what a folder of results belongs: a run clears what an earlier one of the same plan and sensor left there, and nothing else.
 
-use super::{SimulateError, unwritten};
+use super::SimulateError;
+use super::account::unwritten;
 use crate::config::Setup;
 use crate::motion::Trajectory;
 use std::path::Path;

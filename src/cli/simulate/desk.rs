@@ -1,0 +1,93 @@
+//! Where outcomes arrive: each is rendered, written and accounted for.
+
+use super::account::{Account, Ended};
+use super::{Args, SimulateError, screen};
+use crate::dataset::depth;
+use crate::image::{npy, png};
+use crate::motion::Trajectory;
+use crate::twin::{Deformed, Outcome, Picture, Twin, Wear};
+
+pub(super) struct Desk<'a> {
+    pub args: &'a Args,
+    pub twin: &'a Twin,
+    /// What the pad wears; `None` where nothing is rendered.
+    pub wear: Option<&'a Wear>,
+    pub trajectory: &'a Trajectory,
+    pub bar: &'a indicatif::ProgressBar,
+    pub account: Account,
+}
+
+impl Desk<'_> {
+    /// Answers whether the work goes on.
+    pub fn take(&self, outcome: Outcome) -> bool {
+        let taken = match outcome {
+            Outcome::Failed { captures, error } => self.failed(&captures, &error.to_string()),
+            Outcome::Deformed(deformed) => {
+                self.twin.tell_doubts(&deformed);
+                self.store(&deformed)
+            }
+        };
+        taken.map_err(|e| self.account.fail(e)).is_ok()
+    }
+
+    fn failed(&self, captures: &[u32], why: &str) -> Result<(), SimulateError> {
+        self.bar.inc(captures.len() as u64);
+        self.bar.suspend(|| screen::warning(format_args!("captures {captures:?}: {why}")));
+        captures.iter().try_for_each(|capture| {
+            let line = serde_json::json!({ "capture": capture, "status": "failed", "error": why });
+            self.account.add(*capture, Ended::Failed, line.to_string())
+        })
+    }
+
+    fn store(&self, deformed: &Deformed) -> Result<(), SimulateError> {
+        let picture = match self.wear {
+            Some(wear) => Some(self.twin.picture(&deformed.pad, wear, deformed.captures[0])?),
+            None => None,
+        };
+        for capture in &deformed.captures {
+            let surface = &deformed.pad.surface;
+            if self.args.surface {
+                let bytes = npy::encode(surface.ny, surface.nx, &surface.positions);
+                self.write(&format!("surface/{capture:06}.npy"), &bytes)?;
+            }
+            if let Some(picture) = &picture {
+                self.write(&format!("sim/{capture:06}.png"), &png::encode(&picture.image)?)?;
+                let (w, h) = (picture.image.width, picture.image.height);
+                self.write(&format!("depth/{capture:06}.tiff"), &depth::encode(w, h, &picture.depth_mm)?)?;
+            }
+            self.account.add(*capture, Ended::Simulated, self.line(*capture, deformed, picture.as_ref()))?;
+            self.bar.inc(1);
+        }
+        Ok(())
+    }
+
+    fn write(&self, name: &str, bytes: &[u8]) -> Result<(), SimulateError> {
+        let path = self.args.out.join(name);
+        std::fs::write(&path, bytes).map_err(|e| SimulateError::Write { path, why: e.to_string() })
+    }
+
+    /// A line of `captures.jsonl`.
+    fn line(&self, capture: u32, deformed: &Deformed, picture: Option<&Picture>) -> String {
+        let mark = &self.trajectory.captures[capture as usize];
+        let (forces, pad) = (&deformed.pad.forces, &deformed.pad);
+        let mut line = serde_json::json!({
+            "capture": capture,
+            "status": "simulated",
+            "indenter": self.trajectory.episodes[mark.episode as usize].indenter,
+            "pose": deformed.pose,
+            "normal_force_n": forces.normal_force_n,
+            "shear_force_n": forces.shear_force_n,
+            "torque_n_mm": forces.torque_n_mm,
+            "solver": pad.stats,
+            "seconds": deformed.took.as_secs_f64(),
+        });
+        if let Some(picture) = picture {
+            line["render_seconds"] = serde_json::json!(picture.took.as_secs_f64());
+            line["optics_mode"] = serde_json::json!(picture.method.name());
+            line["spp"] = serde_json::json!(picture.method.samples());
+            line["light_error"] = serde_json::json!(picture.estimated_error);
+            line["light_meets_tolerance"] = serde_json::json!(picture.meets_tolerance());
+        }
+        line.to_string()
+    }
+}
