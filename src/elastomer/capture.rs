@@ -40,6 +40,17 @@ pub struct ContactForces {
     pub torque_n_mm: f64,
 }
 
+impl ContactForces {
+    /// All of it, so many times as large.
+    pub fn times(self, factor: f64) -> Self {
+        Self {
+            normal_force_n: factor * self.normal_force_n,
+            shear_force_n: self.shear_force_n.map(|f| factor * f),
+            torque_n_mm: factor * self.torque_n_mm,
+        }
+    }
+}
+
 /// What the solver says about its own work since the last capture.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct SolverStats {

@@ -54,7 +54,7 @@ use body::Body;
 pub(super) use body::check;
 use cascade::{FINEST, Patience, REFINED, Step, follow, rest_at};
 use level::Level;
-use refinement::UNRESOLVED;
+use refinement::{OF_USE, UNRESOLVED};
 use relief::Splined;
 pub use resolution::Resolution;
 use std::sync::Arc;
@@ -83,6 +83,8 @@ pub struct QuasiStaticSolver {
     dispensable: bool,
     /// Whether a drag goes on without them.
     coarse_drag: bool,
+    /// Whether cells have been left as they are because the face in relief is good enough, where the splines' was not.
+    enough_in_relief: bool,
     /// Where the pad was last at rest, and the waypoints since then.
     path: Vec<Pose>,
     pad: Body,
@@ -147,6 +149,7 @@ impl QuasiStaticSolver {
             refined_in_vain: false,
             dispensable: false,
             coarse_drag: false,
+            enough_in_relief: false,
             resolution,
             wanted,
             path: vec![*start],
@@ -195,7 +198,7 @@ impl QuasiStaticSolver {
             *advice = format!("{doubt}; or, {advice}");
         }
         ended?;
-        let stated = self.stated_error();
+        let stated = self.stated_error(UNRESOLVED);
         if self.wanted.is_some() && stated > UNRESOLVED {
             let cell_mm = self.finest().grid().hx;
             return Err(Error::Unresolved { pose: *pose, stated, allowed: UNRESOLVED, cell_mm });
@@ -226,9 +229,23 @@ impl QuasiStaticSolver {
         let shape = self.pad.shape;
         let pressed = |contact: &[bool]| contact.iter().filter(|c| **c).count() as f64;
         let before = pressed(&capture.contact);
-        splined.relieve(&mut capture.surface, &mut capture.contact, |x, y| {
+        let relief = splined.relieve(&mut capture.surface, &mut capture.contact, |x, y| {
             shape.face_height_mm([size[0], size[1]], [x, y])
         });
+        if let Some(relief) = relief {
+            let part = relief.force_n / splined.force_n;
+            capture.forces = capture.forces.times(part);
+            capture.stats.base_reaction_n *= part;
+            capture.stats.elastic_energy_n_mm *= part;
+            let in_relief = level.error_in_relief(indenter, relief.misfit_mm);
+            // (Coated pads have not been compared.)
+            let plain = self.pad.coating.is_none();
+            let splined = capture.stats.estimated_error.filter(|stated| plain && *stated <= OF_USE);
+            if let (Some(splined), Some(in_relief)) = (splined, in_relief) {
+                let in_relief = in_relief.max(relief::LEAST_TO_SPLINES * splined);
+                capture.stats.estimated_error = Some(splined.min(in_relief));
+            }
+        }
         capture.stats.contact_area_mm2 *= pressed(&capture.contact) / before.max(1.0);
         let picked = |k: usize| my * (k / nx) * (mx * (nx - 1) + 1) + mx * (k % nx);
         capture.surface.positions = (0..nx * ny).map(|k| capture.surface.positions[picked(k)]).collect();
@@ -271,6 +288,7 @@ impl Elastomer for QuasiStaticSolver {
             refined_in_vain: self.refined_in_vain,
             dispensable: self.dispensable,
             coarse_drag: self.coarse_drag,
+            enough_in_relief: self.enough_in_relief,
             resolution: self.resolution,
             wanted: self.wanted,
             path: self.path.clone(),

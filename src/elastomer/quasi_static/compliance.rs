@@ -10,6 +10,10 @@ use std::sync::Arc;
 const DEEP: f64 = 20.0;
 /// See [`DEEP`].
 const SHALLOW: f64 = 1e-2;
+/// How much stiffer than the layer the shortest waves on a lattice are: by exp(`EDGE` (2 - cos(kx s) - cos(ky s))) for points
+/// s apart. Without it a punch that ends half-way between two points is too small by a quarter of s on every side, with it by
+/// nothing (found by experiment: squares of 41 and 123 points).
+const EDGE: f64 = 0.35;
 /// How fast a coating takes over from the bulk as waves become shorter: the part of the bulk falls as
 /// exp(-2 `TAKES_OVER` k t) (after King 1987, "Elastic analysis of some punch problems for a layered medium", whose weights
 /// for punches of size 1/k these follow).
@@ -65,11 +69,15 @@ impl Compliance {
     pub fn new(body: &Body, size: [usize; 2], spacing_mm: [f64; 2]) -> Self {
         let padded = size.map(|n| quick(2 * n));
         let mut planner = FftPlanner::new();
-        let wave = |i: usize, axis: usize| {
+        // Radians a mm, and what is left of the compliance.
+        let waves = [0, 1].map(|axis| {
             let n = padded[axis];
-            let turns = i.min(n - i) as f64 / (n as f64 * spacing_mm[axis]);
-            2.0 * std::f64::consts::PI * turns
-        };
+            let wave = |i: usize| {
+                let turn = 2.0 * std::f64::consts::PI * i.min(n - i) as f64 / n as f64;
+                (turn / spacing_mm[axis], (EDGE * (turn.cos() - 1.0)).exp())
+            };
+            (0..n).map(wave).collect::<Vec<_>>()
+        });
         let material = &body.material;
         let per_mpa = |k: f64| {
             let bulk = of_layer(k, material.youngs_modulus_mpa, material.poisson_ratio, body.size_mm[2]);
@@ -81,8 +89,8 @@ impl Compliance {
         };
         let count = (padded[0] * padded[1]) as f64;
         let of_wave = (0..padded[0] * padded[1])
-            .map(|at| wave(at / padded[1], 0).hypot(wave(at % padded[1], 1)))
-            .map(|k| (per_mpa(k) / count) as f32)
+            .map(|at| (waves[0][at / padded[1]], waves[1][at % padded[1]]))
+            .map(|((kx, left_x), (ky, left_y))| (per_mpa(kx.hypot(ky)) * left_x * left_y / count) as f32)
             .collect();
         Self {
             size,
@@ -99,6 +107,11 @@ impl Compliance {
     pub fn largest(&self) -> f32 {
         let count = (self.padded[0] * self.padded[1]) as f32;
         count * self.of_wave.iter().fold(0.0f32, |most, c| most.max(*c))
+    }
+
+    /// How far a point gives way under a pressure on it alone, mm per MPa.
+    pub fn own(&self) -> f32 {
+        self.of_wave.iter().sum()
     }
 
     /// Displacements under pressures, mm and MPa, x running fastest; along the pressure.

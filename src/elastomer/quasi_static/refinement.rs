@@ -7,7 +7,7 @@
 
 use super::cascade::{FINEST, REFINED, Step, rest_at};
 use super::resolution::Resolution;
-use super::{QuasiStaticSolver, take_counters};
+use super::{QuasiStaticSolver, relief, take_counters};
 use crate::elastomer::{Error, Friction};
 use crate::pose::Pose;
 
@@ -25,7 +25,7 @@ const WORTH_A_GUESS: f64 = 1.6;
 /// A stated error with which an answer is none.
 pub const UNRESOLVED: f64 = 0.2;
 /// A stated error with which a press is fit to be dragged: dragging adds to it.
-const OF_USE: f64 = UNRESOLVED / 2.0;
+pub const OF_USE: f64 = UNRESOLVED / 2.0;
 
 /// Stated error that finer cells aim at.
 pub fn wanted(tolerance: f64) -> f64 {
@@ -42,7 +42,7 @@ impl QuasiStaticSolver {
             (self.wanted, self.acceptable(), self.refined_in_vain)
         {
             let stated = match ended {
-                Ok(()) => self.stated_error(),
+                Ok(()) => self.stated_error(acceptable),
                 Err(Error::NotConverged { .. }) => f64::INFINITY,
                 Err(_) => break,
             };
@@ -63,16 +63,28 @@ impl QuasiStaticSolver {
         Ok(())
     }
 
-    /// Error that the present answer states, relative to depth.
-    pub(super) fn stated_error(&self) -> f64 {
-        self.finest().estimated_error(self.indenter.as_ref()).unwrap_or(0.0)
+    /// Error that the present answer states, relative to depth. That of a face in relief is looked for where the splines' is
+    /// more than `enough`, unless the splines, on which it stands, are of no use.
+    pub(super) fn stated_error(&mut self, enough: f64) -> f64 {
+        let level = self.finest();
+        let splined = level.estimated_error(self.indenter.as_ref()).unwrap_or(0.0);
+        if splined <= enough || splined > OF_USE || !level.straight_down() {
+            return splined;
+        }
+        let [nx, ny] = relief::lattice(self.pad.size_mm, [level.grid().hx, level.grid().hy]);
+        let in_relief = self.face(nx, ny).ok().and_then(|face| face.stats.estimated_error);
+        let stated = in_relief.map_or(splined, |stated| stated.min(splined));
+        self.enough_in_relief |= stated <= enough;
+        stated
     }
 
     /// Stated error beyond which finer cells are tried.
     fn acceptable(&self) -> Option<f64> {
         let wanted = self.wanted?;
         let worthwhile = if self.path.len() > 1 { WORTHWHILE_LATER } else { WORTHWHILE };
-        Some(if self.coarse_drag { UNRESOLVED } else { (worthwhile * wanted).min(UNRESOLVED) })
+        // What was enough in relief is dragged with the cells that it has.
+        let coarse_drag = self.coarse_drag || (self.enough_in_relief && !self.finest().straight_down());
+        Some(if coarse_drag { UNRESOLVED } else { (worthwhile * wanted).min(UNRESOLVED) })
     }
 
     /// Whether the way to `pose` drags the face along.
@@ -161,6 +173,7 @@ impl QuasiStaticSolver {
         }
         self.path = vec![*pose];
         (self.refined_in_vain, self.dispensable, self.coarse_drag) = (false, false, false);
+        self.enough_in_relief = false;
         self.leave_refined();
     }
 }

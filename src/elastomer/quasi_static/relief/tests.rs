@@ -16,7 +16,7 @@ fn pressed(depth: f64, spacing_mm: f64, underside: impl Fn(f64) -> Option<f64>) 
         .map(|k| underside(at(k % n).hypot(at(k / n))).map_or(f64::INFINITY, |h| h - depth) as f32)
         .collect();
     let guess = gap.iter().map(|gap| if *gap < 0.0 { 0.01 } else { 0.0 }).collect();
-    let [pressure, given] = settle(&gap, &mut layer, guess).expect("an easy press");
+    let [pressure, given] = settle(&gap, &vec![0.0; n * n], &mut layer, guess).expect("an easy press");
     for (k, p) in pressure.iter().enumerate() {
         let gap = gap[k] + given[k];
         assert!(gap >= -CLOSE_MM && (*p == 0.0 || gap <= CLOSE_MM) && *p >= 0.0, "{gap} {p}");
@@ -124,4 +124,78 @@ fn a_slanted_edge_is_straight_and_the_face_lies_on_the_body() {
             assert!((*p - *q).length() < 3e-3, "{p} {q}");
         }
     }
+}
+
+/// A body with this plan.
+fn flat(plan: Plan, edge_round_mm: f64) -> Arc<dyn Indenter> {
+    let shape = Shape::Flat { plan };
+    let spec = IndenterSpec { description: String::new(), edge_round_mm, height_mm: 8.0, shape };
+    indenter::from_spec("flat", &spec, None).expect("a body")
+}
+
+/// A pad pressed 0.5 mm by a body over such cells; where none are given, by a solver that picks them for 0.01.
+fn press(body: &Arc<dyn Indenter>, cell_mm: Option<f64>) -> QuasiStaticSolver {
+    let (pad, settings) = (pad(Law::FixedCorotated), settings(Friction::Coefficient(0.0)));
+    let settings = crate::elastomer::Settings { tolerance: 0.01, ..settings };
+    let start = Pose::new(0.0, 0.0, 0.1, 0.0);
+    let usual = Resolution::for_tolerance(0.01).for_body(body.as_ref(), [20.0, 20.0, 4.0]);
+    let solver = match cell_mm {
+        None => QuasiStaticSolver::new(&pad, &settings, Arc::clone(body), &start),
+        Some(cell_mm) => {
+            let given = Resolution { cell_mm, ..usual };
+            QuasiStaticSolver::with_resolution(&pad, &settings, given, Arc::clone(body), &start)
+        }
+    };
+    let mut solver = solver.expect("settings in range");
+    solver.advance(&Pose::new(0.0, 0.0, -0.5, 0.0)).expect("an easy press");
+    solver
+}
+
+#[test]
+fn a_punch_presses_as_hard_over_the_usual_cells_as_over_ones_of_half_their_size() {
+    let punch = flat(Plan::Disc { diameter_mm: 6.0 }, 0.3);
+    let force_n = |cell_mm: f64, n: usize| {
+        let capture = press(&punch, Some(cell_mm)).capture(n, n).expect("a lattice");
+        let forces = capture.forces.normal_force_n;
+        assert!((capture.stats.base_reaction_n / forces - 1.0).abs() < 2e-3, "{capture:?}");
+        forces
+    };
+    let [fine, usual, splines] = [force_n(0.21, 201), force_n(0.46, 201), force_n(0.46, 21)];
+    let [with, without] = [usual, splines].map(|force_n| (force_n / fine - 1.0).abs());
+    assert!(with < 4e-3 && with < 0.6 * without, "{with}, splines alone {without}");
+}
+
+#[test]
+fn an_edge_between_two_points_of_the_lattice_lies_where_it_is() {
+    // What a square 0.1 mm wider presses more, whether its edges come to lie on points of the lattice or between them.
+    let force_n = |side: f64| {
+        let square = flat(Plan::Rectangle { x_mm: side, y_mm: side }, 0.0);
+        press(&square, Some(0.46)).capture(201, 201).expect("a lattice").forces.normal_force_n
+    };
+    let [at, between, next] = [5.0, 5.1, 5.2].map(force_n);
+    let middle = 0.5 * (at + next);
+    assert!((between / middle - 1.0).abs() < 0.012, "{at} {between} {next}");
+}
+
+#[test]
+fn a_face_in_relief_states_its_own_error_and_needs_no_finer_cells_for_a_sharp_edge() {
+    let square = flat(Plan::Rectangle { x_mm: 5.07, y_mm: 5.07 }, 0.0);
+    let mut solver = press(&square, None);
+    assert!((solver.finest().grid().hx - 20.0 / 48.0).abs() < 1e-9, "{}", solver.finest().grid().hx);
+    let stated = |c: &crate::elastomer::ElastomerCapture| c.stats.estimated_error.expect("a press");
+    let capture = solver.capture(201, 201).expect("a lattice");
+    // Coarser than the cells it is the splines' face.
+    let splined = stated(&solver.capture(21, 21).expect("a lattice"));
+    assert!(stated(&capture) < 0.5 * splined, "{}, splines alone {splined}", stated(&capture));
+    let truth = press(&square, Some(0.21)).capture(201, 201).expect("a lattice");
+    let (mut squares, mut n) = (0.0, 0);
+    for (k, (p, q)) in capture.surface.positions.iter().zip(&truth.surface.positions).enumerate() {
+        let [x, y] = capture.surface.rest_xy(k % 201, k / 201);
+        if x.hypot(y) < 5.7 && (x.abs().max(y.abs()) - 2.535).abs() > 0.2 {
+            squares += f64::from(p.z - q.z).powi(2);
+            n += 1;
+        }
+    }
+    let found = (squares / f64::from(n)).sqrt() / 0.5;
+    assert!(found < stated(&capture), "{found}, stated {}", stated(&capture));
 }
