@@ -133,6 +133,14 @@ impl Fit {
                     .to_owned(),
             });
         }
+        if target.mean() == Vec3::ZERO {
+            return Err(Error::Argument {
+                name: "--fit",
+                value: format!("a picture of {} x {} pixels", target.width, target.height),
+                why: "it is black, which fits lights that are off; take one with a longer exposure"
+                    .to_owned(),
+            });
+        }
         let on_chip = camera.filter(|_| is_on_chip).map(|camera| camera.basis_on_chip(basis));
         let basis = on_chip.as_ref().unwrap_or(basis);
         let radiances = basis.fit(&target, |k| tells[k])?;
@@ -261,6 +269,10 @@ mod tests {
         args(None, &[("blue", 99.0 * Vec3::ONE), ("red", 99.0 * Vec3::ONE)], "white.png").relight().unwrap();
         let refused = args(Some("white.png"), &[], "fitted.png").relight().err().unwrap().to_string();
         assert!(refused.contains("shorter exposure"), "{refused}");
+        // Nor does nothing but black.
+        args(None, &[("blue", Vec3::ZERO), ("red", Vec3::ZERO)], "black.png").relight().unwrap();
+        let refused = args(Some("black.png"), &[], "fitted.png").relight().err().unwrap().to_string();
+        assert!(refused.contains("longer exposure"), "{refused}");
     }
 
     /// A small sensor as a file: its camera does everything that one can.

@@ -30,12 +30,14 @@ mod ground;
 mod horizon;
 mod lanes;
 mod lookout;
+mod parted;
 mod plate;
 mod probes;
 mod radiosity;
 mod raster;
 mod record;
 mod renderer;
+mod rim;
 mod shade;
 mod skyline;
 mod slots;
@@ -193,11 +195,14 @@ impl Precomputed {
             Some(_) => (untouched.max_events / 2).saturating_sub(1).max(1),
             None => untouched.max_events.saturating_sub(1),
         };
-        let buried = |p: Vec3| p.z < heights.at(p.truncate()) - BURIED_MM;
+        // (Beside a level face walls are parted, and light finds its own way.)
+        let level = parted::level_of(untouched);
+        let buried = |p: Vec3| level.is_none() && p.z < heights.at(p.truncate()) - BURIED_MM;
         let solved = Radiosity::new(&world, &lamps, events, buried);
         let view = View::new(&fine_camera(untouched)?, slab);
         let top = pad.mesh.positions.iter().fold(f32::NEG_INFINITY, |top, p| top.max(p.z));
-        let looks = Looks::new(untouched, &view, &world, &lamps, &solved, top + DIRECT_LIFT_MM[1])?;
+        let high = top + DIRECT_LIFT_MM[1];
+        let looks = Looks::new(untouched, &view, &world, &lamps, &solved, high, &buried)?;
         let corners = looks.corners();
         let covers = Covers::new(&looks, &corners, view.corners(), lamps.len());
         let (fixed, fixed_lights) = fixed::by_light(&corners, lamps.len());

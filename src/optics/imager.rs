@@ -81,6 +81,13 @@ pub enum Notice {
         /// Samples a pixel.
         samples: u32,
     },
+    /// Much of the image of the untouched sensor is at an end of the scale.
+    BackgroundClipped {
+        /// Which part of its pixels.
+        part: f64,
+        /// Whether they are white, else black.
+        white: bool,
+    },
     /// A picture may be worse than was asked for.
     AboveTolerance {
         /// relRMSE to expect.
@@ -103,6 +110,14 @@ impl std::fmt::Display for Notice {
                 "the picture is made in the reference mode, {samples} samples a pixel, which is slow: {why}. \
                  An optics.samples above {samples} in the rig file takes more samples, and less noise"
             ),
+            Notice::BackgroundClipped { part, white } => write!(
+                f,
+                "{:.0} % of the image of the untouched sensor is {}: nothing of the face shows there, in simulated \
+                 pictures either. Take it again with a {} exposure",
+                100.0 * part,
+                if *white { "white" } else { "black" },
+                if *white { "shorter" } else { "longer" }
+            ),
             Notice::AboveTolerance { estimated, tolerance } => write!(
                 f,
                 "the picture's relRMSE is estimated at {:.2} %, above the {:.2} % asked for; \
@@ -112,6 +127,19 @@ impl std::fmt::Display for Notice {
             ),
         }
     }
+}
+
+/// What is to be said of an image whose pixels are white or black in all colours, from this part of them on.
+const MUCH: f64 = 0.25;
+
+fn clipped(image: &Background<'_>) -> Option<Notice> {
+    let part = |code: u8| {
+        let pixels = image.rgb.chunks_exact(3).filter(|p| p.iter().all(|c| *c == code));
+        pixels.count() as f64 / (image.width * image.height) as f64
+    };
+    let (black, white) = (part(0), part(u8::MAX));
+    let notice = Notice::BackgroundClipped { part: black.max(white), white: white > black };
+    (black.max(white) >= MUCH).then_some(notice)
 }
 
 /// Fewest samples a pixel where the fast mode falls back: who asked for a small error gets no picture of noise.
@@ -188,6 +216,7 @@ impl Imager {
                 why: "the image of the untouched sensor is cut short; take it again".to_owned(),
             });
         }
+        let clipped = background.as_ref().and_then(clipped);
         let background = background.map(|b| {
             let light = |code: &u8| response::decode(*code, &sensor.image);
             let texels = b.rgb.chunks_exact(3).map(|p| Vec3::new(light(&p[0]), light(&p[1]), light(&p[2])));
@@ -207,7 +236,7 @@ impl Imager {
             untouched: Film::new(0, 0),
             untouched_uv: Vec::new(),
             exposure: 1.0,
-            notices: Vec::new(),
+            notices: clipped.into_iter().collect(),
             reuse: Arc::default(),
         };
         let rest = imager.scene(&untouched.at_rest())?;
@@ -466,6 +495,19 @@ mod tests {
         assert!((26..30).contains(&(deepest % 48)) && (16..20).contains(&(deepest / 48)));
         assert!((touched.depth_mm[deepest] + 0.8).abs() < 0.04);
         assert_eq!(touched.depth_mm, depth_map(&sensor, &face(&sensor, &pressed())).unwrap());
+    }
+
+    #[test]
+    fn an_untouched_image_that_is_white_or_black_is_told() {
+        let notice = |codes: [u8; 4]| {
+            let rgb: Vec<u8> = codes.into_iter().flat_map(|code| [code; 3]).collect();
+            clipped(&Background { width: 2, height: 2, rgb: &rgb }).map(|notice| notice.to_string())
+        };
+        assert!(
+            notice([255, 255, 30, 0]).is_some_and(|n| n.contains("50 %") && n.contains("shorter exposure"))
+        );
+        assert!(notice([0, 9, 30, 200]).is_some_and(|n| n.contains("25 %") && n.contains("longer exposure")));
+        assert!(notice([1, 254, 30, 200]).is_none());
     }
 
     #[test]

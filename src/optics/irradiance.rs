@@ -5,7 +5,7 @@
 //! The polygon is first clipped at the receiver's horizon; the sum itself is the vector of
 //! [`vector`](super::fast::vector), projected on the normal.
 
-use super::fast::vector::edge;
+use super::fast::vector::{edge, of_point};
 use glam::{Vec3, Vec4};
 
 /// Irradiance at `point` with unit normal `normal` from a convex polygon of radiance 1 whose corners run
@@ -18,6 +18,9 @@ pub fn polygon(point: Vec3, normal: Vec3, corners: &[Vec3; 4]) -> f32 {
     // A point in its plane must not be taken for one in front by rounding: the plane would fill its sky.
     if shining.dot(v[0]) >= -1e-6 * (shining.length() * v[0].length()) {
         return 0.0;
+    }
+    if let Some(phi) = of_point(v) {
+        return phi.dot(normal).max(0.0);
     }
     let heights = [v[0].dot(normal), v[1].dot(normal), v[2].dot(normal), v[3].dot(normal)];
     let [lowest, highest] = [Vec4::from(heights).min_element(), Vec4::from(heights).max_element()];

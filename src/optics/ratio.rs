@@ -49,7 +49,11 @@ impl Worn<'_> {
             }
             let middle = Vec2::new((k % width) as f32 + 0.5, (k / width) as f32 + 0.5) + shift;
             let steps = edges.map(|edge| edge.length().ceil() as u32 + 1);
-            let steps = if is_sharp { [1, 1] } else { steps };
+            if is_sharp {
+                let at = middle / raster;
+                *pixel = self.image.sharp(at) * (now / flat.sample(at).max(floor));
+                return;
+            }
             let offset = |i: u32, n: u32| (i as f32 + 0.5) / n as f32 - 0.5;
             for i in 0..steps[0] {
                 for j in 0..steps[1] {

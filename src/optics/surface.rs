@@ -58,20 +58,24 @@ impl DisplacedSurface {
     }
 
     /// The face on another lattice: displacements interpolated by Catmull-Rom splines, which keep
-    /// normals continuous where a coarse simulation feeds a fine picture.
+    /// normals continuous where a coarse simulation feeds a fine picture. Where the slope breaks they would overshoot, and a
+    /// sharp rim carry a ridge that throws shadows: there they are kept monotone.
     pub fn resampled(&self, nx: usize, ny: usize) -> Self {
         if (nx, ny) == (self.nx, self.ny) {
             return self.clone();
         }
         let displacement: Vec<Vec3> = self.positions.iter().zip(self.rest()).map(|(p, r)| *p - r).collect();
         let heights: Vec<Vec3> = self.rest_z.iter().map(|z| Vec3::Z * *z).collect();
+        let step = |size: f64, n: usize| (size / (n - 1).max(1) as f64) as f32;
+        let step_mm = [step(self.size_mm[0], self.nx), step(self.size_mm[1], self.ny)];
+        let on_it = |field: &[Vec3]| interpolate(field, [self.nx, self.ny], [nx, ny], step_mm);
         let rest_z = match heights.is_empty() {
             true => Vec::new(),
-            false => interpolate(&heights, [self.nx, self.ny], [nx, ny]).iter().map(|h| h.z).collect(),
+            false => on_it(&heights).iter().map(|h| h.z).collect(),
         };
         let mut out = Self { nx, ny, size_mm: self.size_mm, positions: Vec::new(), rest_z };
         out.positions = out.rest();
-        for (p, d) in out.positions.iter_mut().zip(interpolate(&displacement, [self.nx, self.ny], [nx, ny])) {
+        for (p, d) in out.positions.iter_mut().zip(on_it(&displacement)) {
             *p += d;
         }
         out
@@ -114,34 +118,85 @@ impl DisplacedSurface {
     }
 }
 
-/// A field on a lattice, interpolated onto another one over the same rectangle.
-fn interpolate(field: &[Vec3], [mx, my]: [usize; 2], [nx, ny]: [usize; 2]) -> Vec<Vec3> {
-    let columns: Vec<_> = (0..nx).map(|i| knots(i, nx, mx)).collect();
+/// Displacements on a lattice, interpolated onto another one over the same rectangle. `step_mm` is how far the points of the
+/// first stand apart.
+fn interpolate(field: &[Vec3], [mx, my]: [usize; 2], [nx, ny]: [usize; 2], step_mm: [f32; 2]) -> Vec<Vec3> {
+    let columns: Vec<_> = (0..nx).map(|i| Knots::new(i, nx, mx)).collect();
     let mut narrow = Vec::with_capacity(nx * my);
     for row in field.chunks_exact(mx) {
-        narrow.extend(columns.iter().map(|(at, w)| (0..4).map(|k| row[at[k]] * w[k]).sum::<Vec3>()));
+        let bends: Vec<Vec3> = (0..mx)
+            .map(|i| bend([row[i.saturating_sub(1)], row[i], row[(i + 1).min(mx - 1)]], step_mm[0]))
+            .collect();
+        narrow.extend(columns.iter().map(|knots| knots.between(|i| row[i], |i| bends[i])));
     }
+    let at = |i: usize, j: usize| narrow[j * nx + i];
+    let bends: Vec<Vec3> = (0..nx * my)
+        .map(|k| {
+            let (i, j) = (k % nx, k / nx);
+            bend([at(i, j.saturating_sub(1)), at(i, j), at(i, (j + 1).min(my - 1))], step_mm[1])
+        })
+        .collect();
     let mut out = Vec::with_capacity(nx * ny);
     for j in 0..ny {
-        let (at, w) = knots(j, ny, my);
-        out.extend((0..nx).map(|i| (0..4).map(|k| narrow[at[k] * nx + i] * w[k]).sum::<Vec3>()));
+        let knots = Knots::new(j, ny, my);
+        out.extend((0..nx).map(|i| knots.between(|j| at(i, j), |j| bends[j * nx + i])));
     }
     out
 }
 
-/// Catmull-Rom knots (clamped at the ends) and weights of point `i` of `n` on a lattice of `m` points.
-fn knots(i: usize, n: usize, m: usize) -> ([usize; 4], [f32; 4]) {
-    let at = i as f64 * (m - 1) as f64 / (n - 1).max(1) as f64;
-    let k = (at as usize).min(m.saturating_sub(2));
-    let t = at - k as f64;
-    let (t2, t3) = (t * t, t * t * t);
-    let weights = [
-        -0.5 * t3 + t2 - 0.5 * t,
-        1.5 * t3 - 2.5 * t2 + 1.0,
-        -1.5 * t3 + 2.0 * t2 + 0.5 * t,
-        0.5 * t3 - 0.5 * t2,
-    ];
-    ([k.saturating_sub(1), k, (k + 1).min(m - 1), (k + 2).min(m - 1)], weights.map(|w| w as f32))
+/// Slopes that break by less at a point are smooth, by more than the second there is a crease.
+const BREAK: [f32; 2] = [0.3, 0.6];
+/// A cubic between two points is monotone where its slope at either is at most so many times the chord's (Fritsch and Carlson
+/// 1980, "Monotone piecewise cubic interpolation").
+const MONOTONE: f32 = 3.0;
+
+/// What is to be added to the spline's slope at the middle one of three points, a step.
+fn bend([before, here, after]: [Vec3; 3], step_mm: f32) -> Vec3 {
+    let (left, right) = (here - before, after - here);
+    let breaks = (right - left).abs() / step_mm;
+    if breaks.max_element() <= BREAK[0] {
+        return Vec3::ZERO;
+    }
+    let slope = 0.5 * (left + right);
+    let turns = (left * right).cmple(Vec3::ZERO);
+    let most = Vec3::select(turns, Vec3::ZERO, MONOTONE * left.abs().min(right.abs()));
+    let crease = ((breaks - BREAK[0]) / (BREAK[1] - BREAK[0])).clamp(Vec3::ZERO, Vec3::ONE);
+    (slope.clamp(-most, most) - slope) * crease
+}
+
+/// How a point between others follows from them.
+struct Knots {
+    /// The four points around it, clamped at the ends, and their Catmull-Rom weights.
+    at: [usize; 4],
+    weights: [f32; 4],
+    /// Weights of what is added to the slopes at the middle two.
+    slopes: [f32; 2],
+}
+
+impl Knots {
+    /// Point `i` of `n` on a lattice of `m` points.
+    fn new(i: usize, n: usize, m: usize) -> Self {
+        let at = i as f64 * (m - 1) as f64 / (n - 1).max(1) as f64;
+        let k = (at as usize).min(m.saturating_sub(2));
+        let t = at - k as f64;
+        let (t2, t3) = (t * t, t * t * t);
+        let weights = [
+            -0.5 * t3 + t2 - 0.5 * t,
+            1.5 * t3 - 2.5 * t2 + 1.0,
+            -1.5 * t3 + 2.0 * t2 + 0.5 * t,
+            0.5 * t3 - 0.5 * t2,
+        ];
+        Self {
+            at: [k.saturating_sub(1), k, (k + 1).min(m - 1), (k + 2).min(m - 1)],
+            weights: weights.map(|w| w as f32),
+            slopes: [t3 - 2.0 * t2 + t, t3 - t2].map(|w| w as f32),
+        }
+    }
+
+    fn between(&self, value: impl Fn(usize) -> Vec3, bend: impl Fn(usize) -> Vec3) -> Vec3 {
+        let spline: Vec3 = (0..4).map(|k| value(self.at[k]) * self.weights[k]).sum();
+        spline + bend(self.at[1]) * self.slopes[0] + bend(self.at[2]) * self.slopes[1]
+    }
 }
 
 #[cfg(test)]
@@ -167,6 +222,38 @@ mod tests {
             for i in 0..21 {
                 assert!((fine.positions[j * 4 * 81 + i * 4] - s.positions[j * 21 + i]).length() < 1e-5);
             }
+        }
+    }
+
+    /// A rim, a spike and a cone keep to the heights that they have; a smooth hill is where the spline has it.
+    #[test]
+    fn resampling_overshoots_no_crease() {
+        let n = 41;
+        let resampled = |height: fn(f32) -> f32| {
+            let mut s = DisplacedSurface::flat(n, n, [4.0, 4.0]);
+            for p in &mut s.positions {
+                p.z = height(p.x + 0.2 * p.y);
+            }
+            let lattice = s.positions.iter().fold([f32::MAX, f32::MIN], |[l, h], p| [l.min(p.z), h.max(p.z)]);
+            (s.resampled(157, 203), lattice)
+        };
+        fn rim(x: f32) -> f32 {
+            if x < 0.03 { -0.8 } else { 0.0 }
+        }
+        fn spike(x: f32) -> f32 {
+            if (x - 0.31).abs() < 0.06 { -0.5 } else { 0.0 }
+        }
+        for height in [rim as fn(f32) -> f32, spike, |x| -(0.8 - 2.0 * x.abs()).max(0.0)] {
+            let (fine, [low, high]) = resampled(height);
+            for p in &fine.positions {
+                assert!(p.z >= low - 5e-3 && p.z <= high + 5e-3, "{p}");
+            }
+        }
+        fn hill(x: f32) -> f32 {
+            0.5 * (-x * x).exp()
+        }
+        for p in resampled(hill).0.positions {
+            assert!((p.z - hill(p.x + 0.2 * p.y)).abs() < 2e-3 || p.x.abs().max(p.y.abs()) > 1.8);
         }
     }
 

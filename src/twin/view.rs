@@ -81,7 +81,8 @@ impl Wear {
                 &self.told.above_tolerance,
                 "Others may be above it, too: light_error and light_meets_tolerance are kept of each",
             ),
-            Notice::FellBack { .. } | Notice::PictureFellBack { .. } => {
+            // (What holds for all pictures is told once, of none of them.)
+            Notice::BackgroundClipped { .. } | Notice::FellBack { .. } | Notice::PictureFellBack { .. } => {
                 (&self.told.fell_back, "Others may be, too: optics_mode and spp are kept of each")
             }
         };

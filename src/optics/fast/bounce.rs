@@ -28,7 +28,8 @@ const MOST: f32 = 3.0;
 /// So much of the pad beside the picture is taken to be as its border, mm.
 const BEYOND_MM: f32 = 2.0;
 
-/// Cells of the picture along the edge of one that sends towards walls; as many as are worked on at once.
+/// Cells of the picture along the edge of one that sends towards walls, where they are as large as they may be; as many as are
+/// worked on at once.
 pub const SENDING: usize = WIDTH;
 /// Light that changes by more, rms, where it bounces, bounces a second time, and a third.
 const STRONG: [f32; 2] = [0.01, 0.02];
@@ -71,6 +72,8 @@ pub struct Cells<'a> {
     pub size: [usize; 2],
     /// Edge of a cell on the pad, mm.
     pub edge_mm: f32,
+    /// Cells along the edge of one that sends towards walls.
+    pub sending: usize,
     /// Row by row, as sums.
     pub cells: &'a [Cell],
     /// Which of them stand for an upright flank.
@@ -279,19 +282,21 @@ impl Cells<'_> {
             self.relight(&mut means, &gains, |k| self.flanks[k]);
         }
         // Rows that send together; by cell, picture and direction.
-        let in_row = nx.div_ceil(SENDING) * films * echo::DIRECTIONS;
-        let mut sent = vec![Vec3::ZERO; self.size[1].div_ceil(SENDING) * in_row];
+        let in_row = nx.div_ceil(self.sending) * films * echo::DIRECTIONS;
+        let mut sent = vec![Vec3::ZERO; self.size[1].div_ceil(self.sending) * in_row];
         let bounce = |means: &Means, gains: &mut Vec<Vec3>, sent: &mut Vec<Vec3>| {
             gains.fill(Vec3::ONE);
             sent.fill(Vec3::ZERO);
-            gains.par_chunks_mut(SENDING * nx * films).zip(sent.par_chunks_mut(in_row)).enumerate().for_each(
-                |(k, (out, sent))| {
+            gains
+                .par_chunks_mut(self.sending * nx * films)
+                .zip(sent.par_chunks_mut(in_row))
+                .enumerate()
+                .for_each(|(k, (out, sent))| {
                     for (j, out) in out.chunks_mut(nx * films).enumerate() {
                         let (cells, untouched, pass) = (self, &untouched, Pass::All { sent });
-                        with_widest(Row { cells, means, untouched, j: SENDING * k + j, out, pass });
+                        with_widest(Row { cells, means, untouched, j: self.sending * k + j, out, pass });
                     }
-                },
-            );
+                });
         };
         bounce(&means, &mut gains, &mut sent);
         for strong in STRONG {

@@ -1,7 +1,8 @@
-//! Pixels over creases, folds and rims: means over the parts of the triangles that they show; where those overlap, of a grid
-//! of samples, each with the triangle on top there; or of what their corners see where those do not all see the pad.
+//! Pixels over creases and folds: means over the parts of the triangles that they show; where those overlap, of a grid
+//! of samples, each with the triangle on top there.
 
 use super::desk::{Desk, Rectangle};
+use super::frame::Frame;
 use super::gains::Split;
 use super::lanes::{Eight, Vectors, WIDTH, lanes};
 use super::raster::corners;
@@ -15,14 +16,12 @@ const GRID: usize = 8;
 const NEARNESS: f32 = 0.01;
 /// Variance of the mean of that many samples as part of their own: of an edge they err by N^(-3/4).
 const SAMPLED_ERROR: f64 = 1.0 / (GRID * GRID * GRID) as f64;
-/// The same for the four corners, which are shared with the neighbours.
-const CORNERED_ERROR: f64 = 0.25;
 /// What of a steep pixel has more than this of its normal upwards is no flank.
 const LEVEL: f32 = 0.5;
 /// What has less is upright in any pixel: a corner of a flank may be all that shows.
 const UPRIGHT: f32 = 0.125;
-/// Pixels that see parts of the pad farther apart, in quads, are the mean of their corners.
-const MOST_QUADS: usize = 24;
+/// Of pixels that see parts of the pad farther apart, in quads, only the corners are looked at.
+const MOST_QUADS: usize = 64;
 
 /// A part of a pixel that shows one triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -142,7 +141,7 @@ fn sample(vertices: &[Vec3], nx: usize, pixel: Vec2, quads: [usize; 4], pieces: 
 }
 
 /// Each triangle of some quads that may show in a pixel, relative to its corner.
-fn for_triangles(
+pub fn for_triangles(
     vertices: &[Vec3],
     nx: usize,
     pixel: Vec2,
@@ -167,7 +166,7 @@ fn for_triangles(
 }
 
 /// The value of a triangle at a point of the raster.
-fn value_at([a, b, c]: [Vec3; 3], p: Vec2) -> f32 {
+pub fn value_at([a, b, c]: [Vec3; 3], p: Vec2) -> f32 {
     let [pa, pb, pc] = [a, b, c].map(Vec3::truncate);
     let area = (pb - pa).perp_dot(pc - pa);
     let wb = (p - pc).perp_dot(pa - pc) / -area;
@@ -175,37 +174,38 @@ fn value_at([a, b, c]: [Vec3; 3], p: Vec2) -> f32 {
     a.z * (1.0 - wb - wc) + b.z * wb + c.z * wc
 }
 
-impl Desk<'_> {
-    /// A pixel over a crease, or one whose corners see different things: the mean of the triangles there, or of its corners
-    /// where those do not all see the pad.
-    #[inline(never)]
-    pub fn mixed(&mut self, x: usize, y: usize, rectangle: Rectangle, steep: bool) {
-        let corner = |dx: usize, dy: usize| self.frame.corner(x + dx, y + dy).map(|(_, triangle)| triangle);
-        let triangles = [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)];
-        if let [Some(a), Some(b), Some(c), Some(d)] = triangles
-            && let Some(quads) = self.quads([a, b, c, d])
-        {
-            self.pieced(x, y, rectangle, [a, b, c, d].map(|k| self.frame.normal(k)), quads, steep);
-        } else {
-            self.cornered(x, y, rectangle);
-        }
-    }
-
-    /// The quads of the lattice around these triangles, from and to along x and y; None where they are many.
-    fn quads(&self, triangles: [u32; 4]) -> Option<[usize; 4]> {
-        let (nx, ny) = (self.frame.nx - 1, self.frame.vertices.len() / self.frame.nx - 1);
+impl Frame<'_> {
+    /// The quads of the lattice around these triangles, from and to along x and y; None where they are many, or none.
+    pub fn quads(&self, triangles: &[u32]) -> Option<[usize; 4]> {
+        let (nx, ny) = (self.nx - 1, self.vertices.len() / self.nx - 1);
         let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
-        for triangle in triangles {
+        for &triangle in triangles {
             let quad = triangle as usize / 2;
             for (k, at) in [quad % nx, quad / nx].into_iter().enumerate() {
                 (low[k], high[k]) = (low[k].min(at), high[k].max(at));
             }
         }
-        let few = (0..2).all(|k| high[k] - low[k] < MOST_QUADS);
+        let few = (0..2).all(|k| high[k] >= low[k] && high[k] - low[k] < MOST_QUADS);
         few.then(|| {
             let [i, j] = low.map(|at| at.saturating_sub(1));
             [i, (high[0] + 2).min(nx), j, (high[1] + 2).min(ny)]
         })
+    }
+}
+
+impl Desk<'_> {
+    /// A pixel over a crease, or one whose corners see different things.
+    #[inline(never)]
+    pub fn mixed(&mut self, x: usize, y: usize, rectangle: Rectangle, steep: bool) {
+        let corner = |dx: usize, dy: usize| self.frame.corner(x + dx, y + dy).map(|(_, triangle)| triangle);
+        let triangles = [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)];
+        if let [Some(a), Some(b), Some(c), Some(d)] = triangles
+            && let Some(quads) = self.frame.quads(&[a, b, c, d])
+        {
+            self.pieced(x, y, rectangle, [a, b, c, d].map(|k| self.frame.normal(k)), quads, steep);
+        } else {
+            self.in_part(x, y, rectangle);
+        }
     }
 
     /// The mean over the pieces of triangles that a pixel shows. Horizons jump at a crease: each piece has its own. Fields are
@@ -229,15 +229,9 @@ impl Desk<'_> {
             sample(frame.vertices, frame.nx, middle, [i0, i1, j0, j1], &mut pieces);
         }
         // Where each is, and what the pad hides from it: the same for all that face alike, as from the largest of them.
-        let row = [once.view.row(y), once.view.row(y + 1)];
         let mut facets: Vec<Facet> = Vec::new();
         for piece in &mut pieces {
-            let at = piece.at;
-            let ray: [Vec3; 2] = std::array::from_fn(|k| {
-                let between = |row: &[[Vec3; 2]]| row[x][k].lerp(row[x + 1][k], at.x);
-                between(row[0]).lerp(between(row[1]), at.y)
-            });
-            piece.point = super::View::point(ray, piece.value);
+            piece.point = super::View::point(frame.ray_in([x, y], piece.at), piece.value);
             piece.normal = frame.normal(piece.triangle);
             let alike = |facet: &Facet| facet.normal.dot(piece.normal) > ALIKE;
             piece.facet = facets.iter().position(alike).unwrap_or(facets.len());
@@ -318,7 +312,7 @@ impl Desk<'_> {
         }
         (self.pieces, self.horizons) = (pieces, own);
         if whole <= 0.0 {
-            self.cornered(x, y, [x0, y0, x1, y1]);
+            self.in_part(x, y, [x0, y0, x1, y1]);
             return;
         }
         if of_flank.iter().any(|light| *light != Vec3::ZERO) {
@@ -332,75 +326,6 @@ impl Desk<'_> {
             let veil = once.veil(film, films, x, y);
             self.out[(film * rows + y - self.first) * self.width + x] =
                 *light / whole * once.transmitted(x, y) + veil;
-        }
-    }
-
-    /// The mean of what the corners of a pixel see, of the pad alone where something fixed is laid over it.
-    fn cornered(&mut self, x: usize, y: usize, [x0, y0, x1, y1]: Rectangle) {
-        let once = self.frame.once;
-        let films = self.sums.len();
-        let rows = self.out.len() / (self.width * films);
-        let (mut points, mut normals) = (Vectors::all(Vec3::ZERO), Vectors::all(Vec3::Z));
-        let mut albedos = [Vec3::ZERO; 4];
-        let mut fixed = vec![Vec3::ZERO; films];
-        // What corners see of it in the first picture.
-        let mut others = [Vec3::ZERO; 4];
-        let covered = once.tables.covers.contain(y * self.width + x);
-        let four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
-        let seen = four.iter().filter(|(cx, cy)| self.frame.corner(*cx, *cy).is_some()).count();
-        let share = if covered { 1.0 / seen.max(1) as f32 } else { 0.25 };
-        for (k, (cx, cy)) in four.into_iter().enumerate() {
-            match self.frame.corner(cx, cy) {
-                Some((p, triangle)) => {
-                    let n = self.frame.normal(triangle);
-                    (points.x.0[k], points.y.0[k], points.z.0[k]) = p.into();
-                    (normals.x.0[k], normals.y.0[k], normals.z.0[k]) = n.into();
-                    albedos[k] = self.frame.albedo_at(triangle, p);
-                }
-                None if covered => {}
-                None => {
-                    others[k] = once.fixed_light(0, films, cx, cy);
-                    for (film, sum) in fixed.iter_mut().enumerate() {
-                        *sum += 0.25 * once.fixed_light(film, films, cx, cy);
-                    }
-                }
-            }
-        }
-        if albedos != [Vec3::ZERO; 4] {
-            // Each corner with the light and the horizons where it stands.
-            let at = |k: usize, low: usize, high: usize| ((k - low) as f32) / (high - low) as f32;
-            let u = Eight(lanes!(k => at(x + k % 2, x0, x1)));
-            let v = Eight(lanes!(k => at(y + k / 2 % 2, y0, y1)));
-            let (mut own, stride) = (std::mem::take(&mut self.horizons), self.frame.slots.stride());
-            own.resize(4 * stride, 0.0);
-            let mut starts = [0; WIDTH];
-            for (lane, node) in own.chunks_exact_mut(stride).take(4).enumerate() {
-                self.frame
-                    .fill_horizons(Vec3::new(points.x.0[lane], points.y.0[lane], points.z.0[lane]), node);
-                starts[lane] = lane * stride;
-            }
-            self.sums.fill(Vectors::all(Vec3::ZERO));
-            let horizons = Own { nodes: &own, at: starts };
-            self.block.light([u, v], points, normals, &once.radiances, Some(horizons), &mut self.sums);
-            self.horizons = own;
-        }
-        let transmitted = once.transmitted(x, y);
-        for (film, fixed) in fixed.iter().enumerate() {
-            let mut light = Vec3::ZERO;
-            let mut squares = Vec3::ZERO;
-            for (k, albedo) in albedos.iter().enumerate() {
-                let sum = &self.sums[film];
-                let value = *albedo * Vec3::new(sum.x.0[k], sum.y.0[k], sum.z.0[k]) * FRAC_1_PI * transmitted;
-                light += share * value;
-                // (A corner sees either the pad or something else.)
-                squares += 0.25 * (value + others[k]) * (value + others[k]);
-            }
-            if film == 0 && !covered {
-                let mean = light + *fixed;
-                *self.spread += CORNERED_ERROR * f64::from((squares - mean * mean).element_sum().max(0.0));
-            }
-            let veil = once.veil(film, films, x, y);
-            self.out[(film * rows + y - self.first) * self.width + x] = light + *fixed + veil;
         }
     }
 }

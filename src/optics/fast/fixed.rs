@@ -1,33 +1,53 @@
 //! What of the sensor shows beside the pad, and in a plate: the same in every picture.
 
+use super::cover::{SAMPLES, place};
 use super::plate::Slab;
-use super::radiosity::Radiosity;
+use super::radiosity::{Radiosity, cosine};
 use super::source::Lamp;
 use super::view::View;
 use super::world::World;
+use crate::optics::sampler::Sampler;
 use crate::optics::{Error, Role, Scene, Surface};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::f32::consts::FRAC_1_PI;
 
-/// What a plate mirrors into each pixel, by light of radiance 1.
+/// What a plate mirrors into each pixel, by light of radiance 1. Where the edge of a lamp is mirrored, pixels are sampled.
 pub fn veils(view: &View, slab: &Slab, world: &World, solved: &Radiosity) -> Vec<Vec<Vec3>> {
     let camera = &view.camera;
+    let [columns, rows] = view.corners();
+    // By light, and the lamp that each of the two images shows.
+    let look = |at: Vec2, sums: &mut [Vec3]| {
+        let (origin, direction) = camera.ray(at.x, at.y, Vec2::ZERO);
+        let up = direction.with_z(-direction.z);
+        slab.mirrored(origin, direction).map(|(from, weight)| {
+            let met = world.trace(from + up * world.offset, up)?;
+            for (light, sum) in sums.iter_mut().enumerate() {
+                *sum += solved.radiance(met.element, light) * weight;
+            }
+            let lamp = met.light.filter(|_| met.front)?;
+            sums[lamp] += Vec3::splat(weight);
+            Some(lamp)
+        })
+    };
+    let corner = |k: usize| {
+        look(Vec2::new((k % columns) as f32, (k / columns) as f32), &mut vec![Vec3::ZERO; solved.lights])
+    };
+    let corners: Vec<_> = (0..columns * rows).into_par_iter().map(corner).collect();
     let seen: Vec<Vec<Vec3>> = (0..camera.width * camera.height)
         .into_par_iter()
         .map(|k| {
-            let at = Vec2::new((k % camera.width) as f32 + 0.5, (k / camera.width) as f32 + 0.5);
-            let (origin, direction) = camera.ray(at.x, at.y, Vec2::ZERO);
-            let up = direction.with_z(-direction.z);
+            let (x, y) = (k % camera.width, k / camera.width);
+            let at = Vec2::new(x as f32, y as f32);
             let mut sums = vec![Vec3::ZERO; solved.lights];
-            for (from, weight) in slab.mirrored(origin, direction) {
-                let Some(met) = world.trace(from + up * world.offset, up) else { continue };
-                for (light, sum) in sums.iter_mut().enumerate() {
-                    *sum += solved.radiance(met.element, light) * weight;
-                }
-                if let Some(light) = met.light.filter(|_| met.front) {
-                    sums[light] += Vec3::splat(weight);
-                }
+            // (An edge may come and go between two corners: those around see where.)
+            let mut around = (y.saturating_sub(1)..(y + 3).min(rows))
+                .flat_map(|y| (x.saturating_sub(1)..(x + 3).min(columns)).map(move |x| y * columns + x));
+            if around.all(|k| corners[k] == corners[y * columns + x]) {
+                look(at + 0.5, &mut sums);
+            } else {
+                (0..SAMPLES).for_each(|s| _ = look(at + place(s), &mut sums));
+                sums.iter_mut().for_each(|sum| *sum /= SAMPLES as f32);
             }
             sums
         })
@@ -60,10 +80,12 @@ pub struct Looks<'a> {
     solved: &'a Radiosity,
     /// No press lifts the pad to this height.
     high: f32,
+    /// Which points lie under the untouched face.
+    buried: &'a (dyn Fn(Vec3) -> bool + Sync),
 }
 
 impl<'a> Looks<'a> {
-    /// What stands above `high` counts as high.
+    /// What stands above `high` counts as high, what is `buried` lies under the untouched face.
     ///
     /// # Errors
     /// When the scene without the pad is none.
@@ -74,9 +96,10 @@ impl<'a> Looks<'a> {
         lamps: &'a [Lamp],
         solved: &'a Radiosity,
         high: f32,
+        buried: &'a (dyn Fn(Vec3) -> bool + Sync),
     ) -> Result<Self, Error> {
         let bare = World::new(&Scene { surfaces: solid(scene), ..scene.clone() }, false)?;
-        Ok(Self { view, world, bare, lamps, solved, high })
+        Ok(Self { view, world, bare, lamps, solved, high, buried })
     }
 
     /// All corners of pixels.
@@ -88,7 +111,7 @@ impl<'a> Looks<'a> {
 
     /// A point of the raster, in pixels.
     pub fn at(&self, at: Vec2) -> Look {
-        let Self { view, world, bare, lamps, solved, high } = self;
+        let Self { view, world, bare, lamps, solved, high, buried } = self;
         let [start, along] = view.ray(at);
         let direction = along.normalize();
         let Some(met) = bare.trace(start + direction * bare.offset, direction) else {
@@ -100,10 +123,18 @@ impl<'a> Looks<'a> {
         let Some(whole) = free.filter(|whole| whole.hit.t >= met.hit.t * 0.999) else {
             return Look { value, lights: vec![Vec3::ZERO; lamps.len()], ..Look::default() };
         };
+        let met_there = buried(met.hit.point).then(|| self.met_from(at, met.hit.point, met.normal));
+        let scattered = |l: usize| match &met_there {
+            Some(met_there) => {
+                let sum: Vec3 = met_there.iter().map(|element| solved.radiance(*element, l)).sum();
+                met.albedo * sum / GATHERED as f32
+            }
+            None => solved.shown(whole.element, l),
+        };
         let of_light = |l: usize| {
             let e = world.direct(met.hit.point, met.normal, met.light, l, &lamps[l]);
             let own = if met.front && met.light == Some(l) { Vec3::ONE } else { Vec3::ZERO };
-            met.albedo * (FRAC_1_PI * e) + solved.direct_free(whole.element, l) + own
+            met.albedo * (FRAC_1_PI * e) + scattered(l) + own
         };
         Look {
             value,
@@ -113,7 +144,24 @@ impl<'a> Looks<'a> {
             lamp: met.light.filter(|_| met.front),
         }
     }
+
+    /// The elements that rays from a point under the face meet above it. Patches of walls are known by their parts above: of what
+    /// shows in the gap beside a pad they tell too much.
+    fn met_from(&self, at: Vec2, point: Vec3, normal: Vec3) -> Vec<usize> {
+        let sampler = Sampler::new(0x6a90, at.x.to_bits(), at.y.to_bits(), GATHERED);
+        let start = point + normal * self.world.offset;
+        (0..GATHERED)
+            .filter_map(|i| {
+                let [a, b, ..] = sampler.group(i, 0);
+                let met = self.world.trace(start, cosine(normal, a, b))?;
+                (!(self.buried)(met.hit.point)).then_some(met.element)
+            })
+            .collect()
+    }
 }
+
+/// Rays from a point under the face.
+const GATHERED: u32 = 16;
 
 /// Inverse depth by corner, and radiance by light and corner; empty where there is nothing.
 pub fn by_light(corners: &[Look], lights: usize) -> (Vec<f32>, Vec<Vec<Vec3>>) {

@@ -6,6 +6,7 @@
 
 use super::Precomputed;
 use super::bounce::{self, Cell, Cells, Untouched};
+use super::cover::Laid;
 use super::desk::Row;
 use super::gains::Gains;
 use super::horizon::{Heights, slope_of, squeezed};
@@ -13,7 +14,7 @@ use super::lanes::{Vectors, WIDTH, Work, with_widest};
 use super::raster::{Sample, corners};
 use super::slots::{POSITION, Slots};
 use super::source::{COARSE, KEPT, LINES, Line, with_means};
-use super::vector::{irradiance, quadrilateral};
+use super::vector::{irradiance, of_point, quadrilateral};
 use super::wall_shadow;
 use crate::optics::{Albedo, Film, Mesh};
 use glam::{Vec2, Vec3};
@@ -64,6 +65,8 @@ pub struct Pictures {
     pub echoed: f64,
     /// Rms over the face of |n - n0|^2, which tells how steep the press made it.
     pub steepness: f64,
+    /// Whether some of the pad is beyond the plane of a light.
+    pub sided: bool,
     /// Sum over pixels and channels of the variances of what mixed pixels are means of (of the first picture).
     pub spread: f64,
 }
@@ -110,6 +113,8 @@ pub struct Frame<'a> {
     pub slots: Slots,
     /// Irradiance against which errors are held.
     pub level: f32,
+    /// Lights beyond whose plane some of the pad is: there their light ends.
+    pub sided: Vec<usize>,
 }
 
 impl Frame<'_> {
@@ -119,8 +124,9 @@ impl Frame<'_> {
         let (width, height, films) = (camera.width, camera.height, self.slots.films);
         let nodes = self.nodes();
         self.level = self.mean_level(&nodes);
+        self.sided = self.sided(&nodes);
         let this = &self;
-        let cell_px = self.cell_px();
+        let (cell_px, finer) = self.cell_px();
         let size = [width.div_ceil(cell_px), height.div_ceil(NODE_PX) * (NODE_PX / cell_px)];
         let in_row = size[0] * (NODE_PX / cell_px);
         // (Twice each: what is level enough to have normals of its own, and flanks that are narrower than a pixel.)
@@ -184,6 +190,7 @@ impl Frame<'_> {
             let cells = Cells {
                 size,
                 edge_mm,
+                sending: finer * bounce::SENDING,
                 cells: &cells,
                 flanks: &is_flank,
                 lights: &lights,
@@ -218,12 +225,12 @@ impl Frame<'_> {
         }
         let (once, count) = (self.once, all.len());
         let mut spread: f64 = spreads.iter().sum();
+        let covers = &once.tables.covers;
+        let parts = covers.parts(|pixel| self.values(pixel % width, pixel / width));
         for (k, film) in all.iter_mut().enumerate() {
-            let covers = if count == 1 { &once.cover_total } else { &once.tables.covers.lights[k] };
-            let laid = once
-                .tables
-                .covers
-                .lay(film, covers, |pixel| once.veil(k, count, pixel % width, pixel / width));
+            let light = if count == 1 { &once.cover_total } else { &covers.lights[k] };
+            let veil = |pixel: usize| once.veil(k, count, pixel % width, pixel / width);
+            let laid = covers.lay(film, &Laid { light, parts: &parts }, veil);
             spread += if k == 0 { laid } else { 0.0 };
         }
         Pictures {
@@ -231,6 +238,7 @@ impl Frame<'_> {
             bounced,
             echoed,
             steepness: steepness(&cells, |p| once.total.rest_normal(p)),
+            sided: !self.sided.is_empty(),
             spread,
         }
     }
@@ -255,9 +263,12 @@ impl Frame<'_> {
         vec![sum]
     }
 
-    /// Pixels along the edge of a cell of the bounce.
-    fn cell_px(&self) -> usize {
-        cell_px(self.once.pixel_mm)
+    /// Pixels along the edge of a cell of the bounce, and by how many times that is finer than usual: between a sharp rim and
+    /// the foot of its flank light goes to and fro within a few tenths of a millimetre.
+    fn cell_px(&self) -> (usize, usize) {
+        let usual = cell_px(self.once.pixel_mm);
+        let finer = if usual > 1 && self.effort.fine && self.heights.has_sharp_rims() { 2 } else { 1 };
+        (usual / finer, finer)
     }
 
     /// How high what the corners of a pixel see of the pad is in the mean, mm, over the level of the view.
@@ -287,6 +298,13 @@ impl Frame<'_> {
         // Of several pictures each has its part.
         let films = slots.films as f32;
         sum / (count.max(1.0) * films)
+    }
+
+    /// Lights that some nodes face and others do not.
+    fn sided(&self, nodes: &[f32]) -> Vec<usize> {
+        let seen = || nodes.chunks_exact(self.slots.stride()).filter(|n| !n[POSITION].is_nan());
+        let faced = |l: usize| move |n: &[f32]| n[self.slots.gain(l)] > 0.0;
+        (0..self.once.sources.len()).filter(|l| seen().any(faced(*l)) && !seen().all(faced(*l))).collect()
     }
 
     /// Nodes along x and y.
@@ -350,7 +368,11 @@ impl Frame<'_> {
             for (i, (p, node)) in points.iter().zip(out.chunks_exact_mut(stride)).enumerate() {
                 let phi = match table {
                     Some(table) => Vec3::from(table.at(*p)),
-                    None if source.faces(*p) => Vec3::new(phi.x.0[i], phi.y.0[i], phi.z.0[i]),
+                    None if source.faces(*p) => {
+                        let corners = source.corners().map(|corners| corners.map(|c| c - *p));
+                        let of_edges = Vec3::new(phi.x.0[i], phi.y.0[i], phi.z.0[i]);
+                        corners.and_then(of_point).unwrap_or(of_edges)
+                    }
                     None => Vec3::ZERO,
                 };
                 node[slots.direct(l)..][..3].copy_from_slice(&phi.to_array());

@@ -27,6 +27,8 @@ pub struct Heights {
     /// By coarse cell: the largest height within each reach of it.
     around: Vec<[f32; REACHES]>,
     highest: f32,
+    /// Points on rims.
+    sharp: usize,
 }
 
 impl Heights {
@@ -44,12 +46,19 @@ impl Heights {
         let extent = (high - low).truncate();
         let cell = cell.max(extent.max_element() / 2048.0).max(1e-6);
         let size = [(extent.x / cell) as usize, (extent.y / cell) as usize].map(|n| n.max(2));
-        let z = binned(positions, low.truncate(), cell, size)
+        let mut z = binned(positions, low.truncate(), cell, size)
             .unwrap_or_else(|| drawn(positions, lattice, low.truncate(), cell, size));
+        let crests = crests(positions, lattice);
+        let sharp = crests.iter().filter(|(_, breaks)| *breaks > SHARP).count();
+        for (p, _) in crests {
+            let q = (p.truncate() - low.truncate()) / cell;
+            let z = &mut z[(q.y as usize).min(size[1] - 1) * size[0] + (q.x as usize).min(size[0] - 1)];
+            *z = z.max(p.z);
+        }
         let coarse = [size[0].div_ceil(COARSE), size[1].div_ceil(COARSE)];
         let around = around(&z, size, coarse);
         let low = low.truncate();
-        Self { low, cell, per_mm: 1.0 / cell, size, z, coarse, around, highest: high.z }
+        Self { low, cell, per_mm: 1.0 / cell, size, z, coarse, around, highest: high.z, sharp }
     }
 
     /// From where to where it goes.
@@ -64,6 +73,11 @@ impl Heights {
         let most = Vec2::new(self.size[0] as f32, self.size[1] as f32) - 1.51;
         let z = self.height(q.min(most).max(Vec2::splat(0.5)));
         if z.is_finite() { z } else { self.highest }
+    }
+
+    /// Whether more than a corner of the pad stands on a sharp rim.
+    pub fn has_sharp_rims(&self) -> bool {
+        self.sharp >= RIM
     }
 
     /// Whether some of the pad is higher, by more than shadows need.
@@ -170,6 +184,32 @@ const LEAP: [f32; REACHES] = {
     }
     leap
 };
+
+/// Where the slope falls by more from one side of a point to the other, it is on a crest.
+const CREST: f32 = 0.3;
+/// By more than this, it is on a sharp rim, of at least so many points.
+const SHARP: f32 = 1.0;
+const RIM: usize = 16;
+
+/// The points of a lattice that are on a crest, and by how much the slope breaks. A cell there is as high as they are: the mean of a rim with what lies before and
+/// behind it is lower and farther back, and shadows would be too short by half a cell.
+fn crests(positions: &[Vec3], [nx, ny]: [usize; 2]) -> Vec<(Vec3, f32)> {
+    let breaks = |k: usize| {
+        let p = positions[k];
+        let along = |(step, at, n): (usize, usize, usize)| {
+            if at == 0 || at + 1 == n {
+                return 0.0;
+            }
+            let (before, after) = (positions[k - step], positions[k + step]);
+            let fall = 2.0 * p.z - before.z - after.z;
+            // (Most points lie so level that their distance need not be known.)
+            if fall > 0.0 { 2.0 * fall / (after - before).truncate().length().max(1e-6) } else { 0.0 }
+        };
+        (p, along((1, k % nx, nx)).max(along((nx, k / nx, ny))))
+    };
+    let points = (0..positions.len()).into_par_iter().with_min_len(8192);
+    points.map(breaks).filter(|(_, breaks)| *breaks > CREST).collect()
+}
 
 /// The largest height within each reach of each coarse cell.
 fn around(z: &[f32], size: [usize; 2], coarse: [usize; 2]) -> Vec<[f32; REACHES]> {
@@ -288,6 +328,35 @@ mod tests {
             assert_eq!(horizon(5.0, 1.0), 0.01);
             assert!((horizon(5.0, -1.0) - 1.0 / 2.8).abs() < 0.04, "{cell} {}", horizon(5.0, -1.0));
             assert_eq!(heights.at(Vec2::new(5.0, 3.0)), 0.0);
+        }
+    }
+
+    /// However cells lie on the lattice, whose points are nearly as far apart as they are, a sharp rim is seen as high and as far
+    /// as it is: a ridge of one point's width as well.
+    #[test]
+    fn a_rim_between_cells_is_where_it_is() {
+        let n = 201;
+        for ridge in [0.0, 0.04] {
+            let at = |k: usize| {
+                let (i, j) = (k % n, k / n);
+                let z = if i < 100 { 0.8 } else { (0.5 - 0.1 * (i - 100) as f32).max(0.0) };
+                let z = if i == 99 { z + ridge } else { z };
+                Vec3::new(i as f32 * 0.067, j as f32 * 0.067, z)
+            };
+            let positions: Vec<Vec3> = (0..n * n).map(at).collect();
+            let rim = at(99);
+            let (mut sum, mut count) = (0.0, 0.0);
+            for cell in [0.072, 0.0737, 0.075] {
+                let heights = Heights::new(&positions, [n, n], cell);
+                for k in 0..200 {
+                    let p = Vec3::new(rim.x + 2.0 + 0.007 * k as f32, 5.0 + 0.011 * k as f32, 0.0);
+                    let ahead = Vec2::from_angle(std::f32::consts::PI + 0.4);
+                    let found = heights.horizon(p, ahead, 9.0, 0.01, 2.0);
+                    let farther = rim.z / found - (p.x - rim.x) / ahead.x.abs();
+                    (sum, count) = (sum + farther, count + 1.0);
+                }
+            }
+            assert!((sum / count).abs() < 0.02, "{ridge}: {}", sum / count);
         }
     }
 

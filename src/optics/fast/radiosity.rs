@@ -28,24 +28,20 @@ pub struct Radiosity {
     pub vectors: usize,
     /// By element: radiance of the diffuse reflection, the light's own emission excepted.
     radiance: Vec<Vec4>,
-    /// The part of it that came straight from the lights.
-    straight: Vec<Vec4>,
+    /// What of it the camera sees is scattered once more than what lights the pad; without what came straight from the lights.
+    shown: Vec<Vec4>,
 }
 
 impl Radiosity {
-    /// After 1 to `events` scatterings.
+    /// After 1 to `events` scatterings; what the camera sees after one more.
     ///
-    /// `buried` tells which points lie under the untouched face: patches of walls that reach below it count only
-    /// their part above, which is what the camera's side sees of them.
+    /// `buried` tells which points lie under the untouched face: patches of walls that reach below a curved one count
+    /// only their part above, which is what the camera's side sees of them.
     pub fn new(world: &World, lamps: &[Lamp], events: u32, buried: impl Fn(Vec3) -> bool + Sync) -> Self {
         let (n, lights) = (2 * world.patches, lamps.len());
         let mut direct: Vec<f32> =
             (0..n).into_par_iter().flat_map_iter(|k| direct(world, lamps, k, &buried)).collect();
-        let rows: Vec<Vec<u32>> = if events > 1 || world.has_clear() {
-            (0..n).into_par_iter().map(|k| row(world, k, &buried)).collect()
-        } else {
-            Vec::new()
-        };
+        let rows: Vec<Vec<u32>> = (0..n).into_par_iter().map(|k| row(world, k, &buried)).collect();
         // What reaches an element by way of clear bodies is known from the rays alone.
         for (k, row) in rows.iter().enumerate() {
             for &lit in row.iter().filter(|&&met| met != NOTHING && met & LIT != 0) {
@@ -69,10 +65,9 @@ impl Radiosity {
             }
         }
         let mut radiance = if events > 0 { straight.clone() } else { vec![Vec4::ZERO; n * vectors] };
-        for _ in 1..events {
-            let before = radiance;
-            radiance = straight.clone();
-            radiance.par_chunks_mut(vectors).zip(&rows).enumerate().for_each(|(k, (sums, row))| {
+        let scattered = |before: &[Vec4]| {
+            let mut sums = vec![Vec4::ZERO; before.len()];
+            sums.par_chunks_mut(vectors).zip(&rows).enumerate().for_each(|(k, (sums, row))| {
                 let reflectances = &reflectances[k * vectors..][..vectors];
                 let share = 1.0 / row.len().max(1) as f32;
                 for (v, sum) in sums.iter_mut().enumerate() {
@@ -82,11 +77,17 @@ impl Radiosity {
                             arrived += before[(met & !LIT) as usize * vectors + v];
                         }
                     }
-                    *sum += arrived * reflectances[v] * share;
+                    *sum = arrived * reflectances[v] * share;
                 }
             });
+            sums
+        };
+        for _ in 1..events {
+            radiance = scattered(&radiance);
+            radiance.iter_mut().zip(&straight).for_each(|(sum, straight)| *sum += *straight);
         }
-        Self { lights, colours, vectors, radiance, straight }
+        let shown = scattered(&radiance);
+        Self { lights, colours, vectors, radiance, shown }
     }
 
     /// Radiance of an element in numbers side by side.
@@ -109,10 +110,9 @@ impl Radiosity {
         self.of_light(self.radiances(element), light)
     }
 
-    /// The same for light that was scattered before.
-    pub fn direct_free(&self, element: usize, light: usize) -> Vec3 {
-        let straight = self.of_light(&self.straight[element * self.vectors..][..self.vectors], light);
-        (self.radiance(element, light) - straight).max(Vec3::ZERO)
+    /// What the camera sees of an element, but for what came straight from the lights.
+    pub fn shown(&self, element: usize, light: usize) -> Vec3 {
+        self.of_light(&self.shown[element * self.vectors..][..self.vectors], light)
     }
 }
 
@@ -139,11 +139,11 @@ fn direct(world: &World, lamps: &[Lamp], element: usize, buried: &impl Fn(Vec3) 
 /// Whether the patch of a light lies right on the point, as patches on walls do.
 fn covered(world: &World, point: Vec3, normal: Vec3) -> bool {
     let start = point + normal * world.offset;
-    world.blocked(start, start + normal * (COVER * world.offset))
+    world.blocked(start, start + normal * (COVER * world.patch_mm))
 }
 
-/// How near, in offsets (an offset is 2e-6 of the scene).
-const COVER: f32 = 200.0;
+/// How near, in edges of a patch: into so narrow a gap next to no light falls, and next to none of it shows.
+const COVER: f32 = 0.1;
 
 fn row(world: &World, element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec<u32> {
     met_by(world, element, RAYS[usize::from(world.has_clear())], buried)
@@ -181,7 +181,7 @@ const NOTHING: u32 = u32::MAX;
 const LIT: u32 = 1 << 31;
 
 /// A direction about `normal` with density cos/pi.
-fn cosine(normal: Vec3, a: f32, b: f32) -> Vec3 {
+pub fn cosine(normal: Vec3, a: f32, b: f32) -> Vec3 {
     let (x, y) = normal.any_orthonormal_pair();
     let (r, phi) = (a.sqrt(), TAU * b);
     x * (r * phi.cos()) + y * (r * phi.sin()) + normal * (1.0 - a).sqrt()

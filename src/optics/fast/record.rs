@@ -1,6 +1,6 @@
 //! What was worked out once, as bytes, and the key that it follows from.
 
-use super::cover::Covers;
+use super::cover::{Covers, SAMPLES};
 use super::echo::Echo;
 use super::grid::{Grid, Places};
 use super::wall_shadow::Low;
@@ -9,7 +9,7 @@ use crate::optics::{Albedo, Material, Mesh, Role, Scene};
 use glam::{Vec2, Vec3};
 
 /// Changes whenever tables of the same scene would be worked out differently, or are written differently.
-const FORMAT: u32 = 11;
+const FORMAT: u32 = 12;
 
 /// The hash of everything that the tables follow from.
 pub fn key(scene: &Scene) -> [u8; 32] {
@@ -85,7 +85,7 @@ pub fn encode(tables: &Tables) -> Vec<u8> {
     words(&mut out, &mut tables.fixed.iter().copied());
     // (Single precision counts to sixteen million pixels.)
     words(&mut out, &mut tables.covers.pixels.iter().map(|k| *k as f32));
-    words(&mut out, &mut tables.covers.parts.iter().copied());
+    words(&mut out, &mut tables.covers.values.iter().flatten().copied());
     for vectors in tables.fixed_lights.iter().chain(&tables.covers.lights).chain(&tables.veils) {
         words(&mut out, &mut vectors.iter().flat_map(|v| v.to_array()));
     }
@@ -124,10 +124,10 @@ pub fn decode(bytes: &[u8]) -> Option<Tables> {
     let skylines = (0..lights).map(|_| reader.grid()).collect::<Option<Vec<_>>>()?;
     let fixed = reader.words()?;
     let pixels = reader.words()?.into_iter().map(|k| k as u32).collect();
-    let parts = reader.words()?;
+    let values = reader.words()?.as_chunks::<SAMPLES>().0.to_vec();
     let fixed_lights = (0..lights).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
     let cover_lights = (0..lights).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
-    let covers = Covers { pixels, parts, lights: cover_lights };
+    let covers = Covers { pixels, values, lights: cover_lights };
     let veils = (0..veils as usize).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
     let echo = if reader.bytes.is_empty() { None } else { Some(reader.echo(lights)?) };
     reader.bytes.is_empty().then_some(Tables {

@@ -168,6 +168,7 @@ impl<'a> Renderer<'a> {
             effort: self.effort,
             slots: Slots::new(once.sources.len(), films, varying, once.view.slab.is_some(), grey),
             level: 0.0,
+            sided: Vec::new(),
         };
         let mut pictures = frame.render();
         let grain = once.grain;

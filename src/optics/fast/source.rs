@@ -8,6 +8,7 @@ use super::plate::Slab;
 use super::tables::arriving;
 use crate::optics::{Light, LightShape, emitter::Emitter};
 use glam::Vec3;
+use std::f32::consts::FRAC_PI_4;
 
 /// Lines of a ribbon, one more than a power of two (found by experiment: with 9 the shadow at the foot of a step shows
 /// them). Where fewer will do, every other, every fourth or every eighth is taken.
@@ -171,6 +172,10 @@ impl Source {
                 let sine = radius / distance;
                 let half = radius * (1.0 - sine * sine).sqrt();
                 let back = -ahead * (radius * sine);
+                // The near side of its ends shows beyond them on the plane of the ribbon: in the mean over its width where it
+                // is pi/4 of the radius nearer than the axis.
+                let beyond = (distance - radius * sine) / (distance - FRAC_PI_4 * radius) - 1.0;
+                let [from, to] = [from, to].map(|end| end + axis * ((end - p).dot(axis) * beyond));
                 if axis.z.abs() < 0.7 {
                     let [a, b] = if side.z >= 0.0 { [from, to] } else { [to, from] };
                     let up = if side.z >= 0.0 { side } else { -side };

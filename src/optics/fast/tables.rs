@@ -107,3 +107,36 @@ impl Points {
         points
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::irradiance::polygon;
+    use crate::optics::{Light, LightShape};
+
+    #[test]
+    fn a_thick_tube_gives_as_much_light_as_its_facets() {
+        let shape =
+            LightShape::Tube { from: Vec3::new(-9.0, -8.0, 5.0), to: Vec3::new(-9.0, 8.0, 5.0), radius: 0.8 };
+        let facets = shape.tessellate();
+        let light = Light {
+            name: "tube".to_owned(),
+            shape,
+            radiance: Vec3::ONE,
+            two_sided: false,
+            cosine_power: 0.0,
+            albedo: Vec3::ZERO,
+        };
+        let source = Source::new(&light).unwrap();
+        for p in [Vec3::ZERO, Vec3::new(-3.0, 6.0, 0.4), Vec3::new(7.0, -5.0, 0.0), Vec3::new(2.0, 9.5, 0.0)]
+        {
+            let facet = |k: usize| {
+                let [a, b, c] = facets.corners(2 * k);
+                polygon(p, Vec3::Z, &[a, b, c, a + c - b])
+            };
+            let truth: f32 = (0..facets.triangles.len() / 2).map(facet).sum();
+            let found = arriving(&source, None, p).z;
+            assert!((found / truth - 1.0).abs() < 6e-3, "{p}: {found} {truth}");
+        }
+    }
+}

@@ -4,6 +4,7 @@
 //! Every surface is cut into patches of about a millimetre: a triangle into a grid in its barycentric
 //! coordinates, the pad's lattice into blocks of quads. Each side of a patch is an element of the radiosity solution.
 
+use super::parted::{level_of, parted};
 use super::source::Lamp;
 use crate::optics::Material;
 use crate::optics::bsdf::{fresnel, refract};
@@ -57,7 +58,7 @@ pub struct World {
     /// How many patches there are; each has two sides.
     pub patches: usize,
     /// Their edge, mm.
-    patch_mm: f32,
+    pub patch_mm: f32,
 }
 
 /// What a ray met.
@@ -107,6 +108,7 @@ impl World {
             patches: 0,
             patch_mm: PATCH_MM * fineness(scene),
         };
+        let level = level_of(scene);
         for surface in &scene.surfaces {
             if surface.role == Role::Pad && !with_pad {
                 continue;
@@ -128,7 +130,13 @@ impl World {
                     return Err(super::unsupported("material", &value, "walls of one colour only"));
                 }
             };
-            world.add(&surface.mesh, albedo, None, None);
+            match level.filter(|_| surface.role == Role::Housing) {
+                Some(level) => parted(&surface.mesh, level)
+                    .iter()
+                    .filter(|part| !part.triangles.is_empty())
+                    .for_each(|part| world.add(part, albedo, None, None)),
+                None => world.add(&surface.mesh, albedo, None, None),
+            }
         }
         for (k, light) in scene.lights.iter().enumerate() {
             world.add(&light.shape.tessellate(), light.albedo, Some(k), None);

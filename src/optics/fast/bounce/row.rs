@@ -1,6 +1,6 @@
 //! A row of cells: from eight at once the pad's profile is followed in all directions.
 
-use super::{Cells, DIRECTIONS, MARGIN, MOST, Means, SENDING, Untouched};
+use super::{Cells, DIRECTIONS, MARGIN, MOST, Means, Untouched};
 use crate::optics::fast::echo::{self, PER_WEIGHT, RISES, SLOPES};
 use crate::optics::fast::lanes::{Eight, Mask, Vectors, WIDTH, Work};
 use crate::optics::fast::lookout::Lookout;
@@ -266,7 +266,8 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         for film in 0..films {
             let (now, before) = (Means::light(&means.own[film], at), Means::light(&means.grounds[film], at));
             let more = (now.scaled(area) - before.scaled(rest_area)).sums() * self.cells.albedo;
-            let to = &mut sent[(i / SENDING * films + film) * echo::DIRECTIONS..][..echo::DIRECTIONS];
+            let to =
+                &mut sent[(i / self.cells.sending * films + film) * echo::DIRECTIONS..][..echo::DIRECTIONS];
             for (k, to) in to.iter_mut().enumerate() {
                 *to += more * echo::level_part(k % RISES);
             }
@@ -317,7 +318,8 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
             }
             let before = Means::light(&means.grounds[film], at);
             let Pass::All { sent } = &mut self.pass else { return };
-            let to = &mut sent[(i / SENDING * films + film) * echo::DIRECTIONS..][..echo::DIRECTIONS];
+            let to =
+                &mut sent[(i / self.cells.sending * films + film) * echo::DIRECTIONS..][..echo::DIRECTIONS];
             for (to, [part, rest]) in to.iter_mut().zip(&parts) {
                 *to += (now.scaled(*part) - before.scaled(*rest)).sums() * self.cells.albedo;
             }

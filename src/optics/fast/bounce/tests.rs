@@ -15,6 +15,7 @@ fn white<'a>(
     Cells {
         size,
         edge_mm,
+        sending: super::SENDING,
         cells,
         flanks,
         lights,
