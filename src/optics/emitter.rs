@@ -133,3 +133,54 @@ impl Emitter {
         self.area <= 0.0 || self.radiance == Vec3::ZERO
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::Mesh;
+    use std::sync::Arc;
+
+    /// Points of a light fall on each of its pieces by the area: Pearson's statistic over pieces of known place.
+    #[test]
+    fn every_part_of_a_light_is_picked_by_its_area() {
+        const CELLS: usize = 12;
+        const N: u32 = 40_000;
+        let light = |shape| Light {
+            name: "l".to_owned(),
+            shape,
+            radiance: Vec3::ONE,
+            two_sided: false,
+            cosine_power: 0.0,
+            albedo: Vec3::ZERO,
+        };
+        let corner = |x: f32, y: f32| Vec3::new(x, y, 0.0);
+        // A square of 3 by 3 as a rectangle, and as triangles of unlike areas.
+        let square = LightShape::Rectangle {
+            center: corner(1.5, 1.5),
+            half_u: corner(1.5, 0.0),
+            half_v: corner(0.0, 1.5),
+        };
+        let mesh = Mesh {
+            positions: [(0.0, 0.0), (3.0, 0.0), (2.0, 1.0), (3.0, 3.0), (0.0, 3.0)]
+                .map(|(x, y)| corner(x, y))
+                .into(),
+            triangles: vec![[0, 1, 2], [1, 3, 2], [2, 3, 4], [0, 2, 4]],
+            ..Mesh::default()
+        };
+        for shape in [square, LightShape::Mesh(Arc::new(mesh))] {
+            let emitter = Emitter::new(&light(shape));
+            assert!((emitter.area - 9.0).abs() < 1e-4 && (emitter.pdf_area() * 9.0 - 1.0).abs() < 1e-5);
+            let mut seen = [0.0f64; CELLS * CELLS];
+            for i in 0..N {
+                let u = |d| crate::optics::noise::uniform(d, i) as f32;
+                let p = emitter.sample(Vec2::new(u(1), u(2))).point / 3.0 * CELLS as f32;
+                seen[(p.y as usize).min(CELLS - 1) * CELLS + (p.x as usize).min(CELLS - 1)] += 1.0;
+            }
+            let expected = f64::from(N) / (CELLS * CELLS) as f64;
+            let statistic: f64 = seen.iter().map(|s| (s - expected).powi(2) / expected).sum();
+            let freedom = (CELLS * CELLS - 1) as f64;
+            let sigmas = (statistic - freedom) / (2.0 * freedom).sqrt();
+            assert!(sigmas < 5.0, "{sigmas:.1} standard deviations");
+        }
+    }
+}
