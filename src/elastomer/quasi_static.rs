@@ -262,7 +262,7 @@ impl Elastomer for QuasiStaticSolver {
     }
 
     fn capture(&mut self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
-        let mut capture = self.face(nx, ny)?;
+        let mut capture = rayon::scope(|_| self.face(nx, ny))?;
         // The coarser grids have worked for this answer, too.
         let mut sums = std::mem::take(&mut self.spent);
         for (sum, n) in sums.iter_mut().zip(take_counters(&mut self.levels)) {

@@ -25,13 +25,13 @@ pub struct Compliance {
     size: [usize; 2],
     /// The same with as many again, so that nothing is felt around the corner.
     padded: [usize; 2],
-    /// mm per MPa of each wave, over the number of padded points; rows are waves along x.
+    /// mm per MPa of each wave, over the number of padded points; rows are waves along x, of which the first half tells the rest.
     of_wave: Vec<f32>,
     forward: [Arc<dyn Fft<f32>>; 2],
     back: [Arc<dyn Fft<f32>>; 2],
-    /// Rows along y of each point along x, and its turned copy.
-    field: Vec<Complex<f32>>,
-    turned: Vec<Complex<f32>>,
+    /// Pairs of rows along x, the second of each as the imaginary part; and, by wave along x, columns along y.
+    pairs: Vec<Complex<f32>>,
+    waves: Vec<Complex<f32>>,
 }
 
 /// mm per MPa of a wave of `k` radians a mm on the face of a layer bonded to a rigid base (Hayes et al. 1972, "A mathematical
@@ -46,7 +46,9 @@ fn of_layer(k: f64, youngs_modulus_mpa: f64, poisson_ratio: f64, thickness_mm: f
     let bonded = if q > DEEP {
         1.0
     } else {
-        (a * (2.0 * q).sinh() - 2.0 * q) / (a * (2.0 * q).cosh() + 2.0 * q * q + 0.5 * (1.0 + a * a))
+        let (up, down) = ((2.0 * q).exp(), (-2.0 * q).exp());
+        let (sinh, cosh) = (0.5 * (up - down), 0.5 * (up + down));
+        (a * sinh - 2.0 * q) / (a * cosh + 2.0 * q * q + 0.5 * (1.0 + a * a))
     };
     half_space / k * bonded
 }
@@ -88,18 +90,23 @@ impl Compliance {
             })
         };
         let count = (padded[0] * padded[1]) as f64;
-        let of_wave = (0..padded[0] * padded[1])
-            .map(|at| (waves[0][at / padded[1]], waves[1][at % padded[1]]))
-            .map(|((kx, left_x), (ky, left_y))| (per_mpa(kx.hypot(ky)) * left_x * left_y / count) as f32)
-            .collect();
+        let half = padded.map(|n| n / 2 + 1);
+        let mut of_wave = vec![0.0; half[0] * padded[1]];
+        of_wave.par_chunks_exact_mut(padded[1]).zip(&waves[0]).for_each(|(row, (kx, left_x))| {
+            for (j, (ky, left_y)) in waves[1].iter().enumerate().take(half[1]) {
+                let value = (per_mpa(kx.hypot(*ky)) * left_x * left_y / count) as f32;
+                row[j] = value;
+                row[(padded[1] - j) % padded[1]] = value;
+            }
+        });
         Self {
             size,
             padded,
             of_wave,
             forward: padded.map(|n| planner.plan_fft_forward(n)),
             back: padded.map(|n| planner.plan_fft_inverse(n)),
-            field: vec![Complex::default(); padded[0] * size[1]],
-            turned: vec![Complex::default(); padded[0] * padded[1]],
+            pairs: vec![Complex::default(); padded[0] * size[1].div_ceil(2)],
+            waves: vec![Complex::default(); half[0] * padded[1]],
         }
     }
 
@@ -111,42 +118,57 @@ impl Compliance {
 
     /// How far a point gives way under a pressure on it alone, mm per MPa.
     pub fn own(&self) -> f32 {
-        self.of_wave.iter().sum()
+        let [px, py] = self.padded;
+        let twice = |i: usize| if i == 0 || 2 * i == px { 1.0 } else { 2.0 };
+        self.of_wave.chunks_exact(py).enumerate().map(|(i, row)| twice(i) * row.iter().sum::<f32>()).sum()
     }
 
     /// Displacements under pressures, mm and MPa, x running fastest; along the pressure.
     pub fn displacement(&mut self, pressure: &[f32], out: &mut [f32]) {
         let ([nx, ny], [px, py]) = (self.size, self.padded);
-        let Self { of_wave, forward, back, field, turned, .. } = self;
-        field.par_chunks_exact_mut(px).zip(pressure.par_chunks_exact(nx)).for_each(|(row, given)| {
-            for (to, from) in row.iter_mut().zip(given) {
-                *to = Complex::new(*from, 0.0);
+        let Self { of_wave, forward, back, pairs, waves, .. } = self;
+        // Along x, two rows at once.
+        pairs.par_chunks_exact_mut(px).zip(pressure.par_chunks(2 * nx)).for_each(|(pair, rows)| {
+            let (re, im) = rows.split_at(nx);
+            for (i, (to, re)) in pair.iter_mut().zip(re).enumerate() {
+                *to = Complex::new(*re, im.get(i).copied().unwrap_or(0.0));
             }
-            row[nx..].fill(Complex::default());
-            forward[0].process(row);
+            pair[nx..].fill(Complex::default());
+            forward[0].process(pair);
         });
-        turned.par_chunks_exact_mut(py).zip(of_wave.par_chunks_exact(py)).enumerate().for_each(
-            |(i, (row, of_wave))| {
-                for (j, to) in row[..ny].iter_mut().enumerate() {
-                    *to = field[j * px + i];
+        // Along y and back, wave by wave along x: what is real has them in conjugate pairs.
+        waves.par_chunks_exact_mut(py).zip(of_wave.par_chunks_exact(py)).enumerate().for_each(
+            |(i, (column, of_wave))| {
+                for (pair, to) in pairs.chunks_exact(px).zip(column[..ny].chunks_mut(2)) {
+                    let (here, there) = (pair[i], pair[(px - i) % px].conj());
+                    to[0] = (here + there) * 0.5;
+                    if let Some(to) = to.get_mut(1) {
+                        let twice = here - there;
+                        *to = Complex::new(twice.im, -twice.re) * 0.5;
+                    }
                 }
-                row[ny..].fill(Complex::default());
-                forward[1].process(row);
-                for (value, of_wave) in row.iter_mut().zip(of_wave) {
+                column[ny..].fill(Complex::default());
+                forward[1].process(column);
+                for (value, of_wave) in column.iter_mut().zip(of_wave) {
                     *value *= *of_wave;
                 }
-                back[1].process(row);
+                back[1].process(column);
             },
         );
-        field.par_chunks_exact_mut(px).zip(out.par_chunks_exact_mut(nx)).enumerate().for_each(
-            |(j, (row, out))| {
-                for (i, to) in row.iter_mut().enumerate() {
-                    *to = turned[i * py + j];
+        // Back along x.
+        pairs.par_chunks_exact_mut(px).zip(out.par_chunks_mut(2 * nx)).enumerate().for_each(
+            |(m, (pair, rows))| {
+                for i in 0..=px / 2 {
+                    let re = waves[i * py + 2 * m];
+                    let im = if 2 * m + 1 < ny { waves[i * py + 2 * m + 1] } else { Complex::default() };
+                    // (Of the wave that is its own partner both are the same.)
+                    pair[(px - i) % px] = Complex::new(re.re + im.im, im.re - re.im);
+                    pair[i] = Complex::new(re.re - im.im, re.im + im.re);
                 }
-                back[0].process(row);
-                for (to, from) in out.iter_mut().zip(row) {
-                    *to = from.re;
-                }
+                back[0].process(pair);
+                let (first, second) = rows.split_at_mut(nx);
+                first.iter_mut().zip(&*pair).for_each(|(to, from)| *to = from.re);
+                second.iter_mut().zip(&*pair).for_each(|(to, from)| *to = from.im);
             },
         );
     }

@@ -17,6 +17,7 @@ use super::symmetry;
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use glam::Vec3;
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Solves per increment between which multipliers, anchors and bounds are brought up to date.
@@ -527,24 +528,25 @@ impl Level {
                 .collect()
         };
         let (xs, ys) = (tables(nx, grid.size[0], grid.nx), tables(ny, grid.size[1], grid.ny));
-        let mut positions = Vec::with_capacity(nx * ny);
-        let mut contact = Vec::with_capacity(nx * ny);
         let patch = self.at.contacts.patch();
-        for (y, j, wy) in &ys {
-            for (x, i, wx) in &xs {
-                let mut p = [*x, *y, self.chart.map_or(0.0, |chart| chart.height_mm(*x, *y))];
-                for (c, p) in p.iter_mut().enumerate() {
-                    let plane = &self.at.u[grid.at(c, top)..][..grid.plane()];
-                    for (b, wy) in wy.iter().enumerate() {
-                        for (a, wx) in wx.iter().enumerate() {
-                            *p += wy * wx * f64::from(plane[(j + b) * cx + i + a]);
+        let (mut positions, mut contact) = (vec![Vec3::ZERO; nx * ny], vec![false; nx * ny]);
+        positions.par_chunks_exact_mut(nx).zip(contact.par_chunks_exact_mut(nx)).zip(&ys).for_each(
+            |((positions, contact), (y, j, wy))| {
+                for ((position, contact), (x, i, wx)) in positions.iter_mut().zip(contact).zip(&xs) {
+                    let mut p = [*x, *y, self.chart.map_or(0.0, |chart| chart.height_mm(*x, *y))];
+                    for (c, p) in p.iter_mut().enumerate() {
+                        let plane = &self.at.u[grid.at(c, top)..][..grid.plane()];
+                        for (b, wy) in wy.iter().enumerate() {
+                            for (a, wx) in wx.iter().enumerate() {
+                                *p += wy * wx * f64::from(plane[(j + b) * cx + i + a]);
+                            }
                         }
                     }
+                    *position = Vec3::new(p[0] as f32, p[1] as f32, p[2] as f32);
+                    *contact = patch.contains(x / grid.size[0] + 0.5, y / grid.size[1] + 0.5);
                 }
-                positions.push(Vec3::new(p[0] as f32, p[1] as f32, p[2] as f32));
-                contact.push(patch.contains(x / grid.size[0] + 0.5, y / grid.size[1] + 0.5));
-            }
-        }
+            },
+        );
         let (force, torque) = self.at.contacts.resultant(&self.at.pose);
         let stats = SolverStats {
             iterations: self.newton.iterations,

@@ -15,6 +15,7 @@ use crate::elastomer::Surface;
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use glam::DVec3;
+use rayon::prelude::*;
 
 /// The lattice has at least so many points across a cell.
 const ACROSS_CELL: f64 = 4.0;
@@ -71,7 +72,7 @@ pub struct Splined<'a> {
     /// Edges of a cell, mm.
     pub cell_mm: [f64; 2],
     /// Pressure along z at a place of the undeformed face, MPa.
-    pub pressure: &'a dyn Fn(f64, f64) -> f64,
+    pub pressure: &'a (dyn Fn(f64, f64) -> f64 + Sync),
     /// The force of all of it, N.
     pub force_n: f64,
 }
@@ -100,6 +101,9 @@ pub fn lattice(size_mm: [f64; 3], cell_mm: [f64; 2]) -> [usize; 2] {
     [0, 1].map(|a| (size_mm[a] / (cell_mm[a] / ACROSS_CELL).max(CLOSE_ENOUGH_MM)).ceil() as usize + 1)
 }
 
+/// Points that are not worth another thread.
+const FEW: usize = 1024;
+
 /// The part of a lattice that is looked at.
 #[derive(Debug, Clone, Copy)]
 struct Window {
@@ -117,15 +121,20 @@ impl Splined<'_> {
         rest_z: impl Fn(f64, f64) -> f64,
     ) -> Option<Relief> {
         let spacing = [face.size_x_mm / (face.nx - 1) as f64, face.size_y_mm / (face.ny - 1) as f64];
-        let window = self.window(face, spacing)?;
+        let pressed: Vec<f32> = (0..face.nx * face.ny)
+            .into_par_iter()
+            .with_min_len(FEW)
+            .map(|k| face.rest_xy(k % face.nx, k / face.nx))
+            .map(|[x, y]| (self.pressure)(x, y) as f32)
+            .collect();
+        let window = self.window(face, &pressed, spacing)?;
         let [nx, ny] = window.size;
         let at = |k: usize| (window.from[0] + k % nx, window.from[1] + k / nx);
         let index = |k: usize| at(k).1 * face.nx + at(k).0;
         let rest = |k: usize| face.rest_xy(at(k).0, at(k).1);
         // The splines' face, and what the layer does of it under the pressure.
         let area = spacing[0] * spacing[1];
-        let mut pressure: Vec<f32> =
-            (0..nx * ny).map(|k| (self.pressure)(rest(k)[0], rest(k)[1]) as f32).collect();
+        let mut pressure: Vec<f32> = (0..nx * ny).map(|k| pressed[index(k)]).collect();
         let sum: f64 = pressure.iter().map(|p| f64::from(*p)).sum::<f64>() * area;
         if sum < 0.5 * self.force_n {
             return None;
@@ -143,8 +152,11 @@ impl Splined<'_> {
         // How far that is below the body, and what part of a point's surroundings is.
         let deepest = DEEPEST * self.cell_mm[0].max(self.cell_mm[1]);
         let below = |p: DVec3| self.gap(p).filter(|gap| *gap > -deepest);
-        let at_body: Vec<Option<f64>> =
-            (0..nx * ny).map(|k| below(face.positions[index(k)].as_dvec3())).collect();
+        let at_body: Vec<Option<f64>> = (0..nx * ny)
+            .into_par_iter()
+            .with_min_len(FEW)
+            .map(|k| below(face.positions[index(k)].as_dvec3()))
+            .collect();
         let own = layer.own();
         let (mut gap, mut soft) = (vec![f32::INFINITY; nx * ny], vec![0.0; nx * ny]);
         for k in 0..nx * ny {
@@ -201,7 +213,7 @@ impl Splined<'_> {
     /// Whether the body stands in the face where no pressure of the splines tells of it.
     fn misses(&self, face: &Surface, window: Window) -> bool {
         let seen = |at: usize, axis: usize| at.wrapping_sub(window.from[axis]) < window.size[axis];
-        face.positions.iter().enumerate().any(|(k, p)| {
+        face.positions.par_iter().with_min_len(FEW).enumerate().any(|(k, p)| {
             let local = self.pose.to_indenter(p.as_dvec3());
             !(seen(k % face.nx, 0) && seen(k / face.nx, 1))
                 && self.gap(p.as_dvec3()).is_some_and(|gap| gap < 0.0)
@@ -210,15 +222,11 @@ impl Splined<'_> {
     }
 
     /// What is pressed, and its surroundings.
-    fn window(&self, face: &Surface, spacing: [f64; 2]) -> Option<Window> {
+    fn window(&self, face: &Surface, pressed: &[f32], spacing: [f64; 2]) -> Option<Window> {
         let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
-        for j in 0..face.ny {
-            for i in 0..face.nx {
-                let [x, y] = face.rest_xy(i, j);
-                if (self.pressure)(x, y) > 0.0 {
-                    (low, high) = ([low[0].min(i), low[1].min(j)], [high[0].max(i), high[1].max(j)]);
-                }
-            }
+        for (k, _) in pressed.iter().enumerate().filter(|(_, p)| **p > 0.0) {
+            let (i, j) = (k % face.nx, k / face.nx);
+            (low, high) = ([low[0].min(i), low[1].min(j)], [high[0].max(i), high[1].max(j)]);
         }
         (self.force_n > 0.0 && low[0] <= high[0]).then(|| {
             let count = [face.nx, face.ny];
