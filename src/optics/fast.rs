@@ -30,6 +30,7 @@ mod ground;
 mod horizon;
 mod lanes;
 mod lookout;
+mod nodes;
 mod parted;
 mod plate;
 mod probes;

@@ -96,6 +96,8 @@ pub struct Cells<'a> {
     pub lost: &'a [Vec<Vec3>],
     /// Whether strong light bounces again.
     pub again: bool,
+    /// Whether all distances are looked at, or some.
+    pub closely: bool,
 }
 
 /// The untouched sensor's light, in a picture at a place.

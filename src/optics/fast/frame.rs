@@ -10,7 +10,7 @@ use super::cover::Laid;
 use super::desk::Row;
 use super::gains::Gains;
 use super::horizon::{Heights, slope_of, squeezed};
-use super::lanes::{Vectors, WIDTH, Work, with_widest};
+use super::lanes::{Vectors, WIDTH, with_widest};
 use super::raster::{Sample, corners};
 use super::slots::{POSITION, Slots};
 use super::source::{COARSE, KEPT, LINES, Line, with_means};
@@ -202,6 +202,7 @@ impl Frame<'_> {
                 echo,
                 lost: &self.lost(lights.len()),
                 again: self.effort.fine,
+                closely: self.effort.fine,
             };
             let skylines = match lights.len() {
                 1 => std::slice::from_ref(&self.once.skyline),
@@ -288,7 +289,7 @@ impl Frame<'_> {
     }
 
     /// Mean irradiance at the nodes, as errors count: what a level pad gets.
-    fn mean_level(&self, nodes: &[f32]) -> f32 {
+    pub(super) fn mean_level(&self, nodes: &[f32]) -> f32 {
         let (slots, lights) = (&self.slots, self.once.sources.len());
         let (mut sum, mut count) = (0.0, 0.0f32);
         for node in nodes.chunks_exact(slots.stride()).filter(|n| !n[POSITION].is_nan()) {
@@ -305,23 +306,6 @@ impl Frame<'_> {
         let seen = || nodes.chunks_exact(self.slots.stride()).filter(|n| !n[POSITION].is_nan());
         let faced = |l: usize| move |n: &[f32]| n[self.slots.gain(l)] > 0.0;
         (0..self.once.sources.len()).filter(|l| seen().any(faced(*l)) && !seen().all(faced(*l))).collect()
-    }
-
-    /// Nodes along x and y.
-    pub fn node_counts(&self) -> [usize; 2] {
-        let camera = &self.once.view.camera;
-        [camera.width.div_ceil(NODE_PX) + 1, camera.height.div_ceil(NODE_PX) + 1]
-    }
-
-    /// All nodes, row by row.
-    fn nodes(&self) -> Vec<f32> {
-        let [columns, rows] = self.node_counts();
-        let stride = self.slots.stride();
-        let mut nodes = vec![0.0; columns * rows * stride];
-        nodes.par_chunks_mut(columns * stride).enumerate().for_each(|(row, out)| {
-            with_widest(NodeRow { frame: self, row, out });
-        });
-        nodes
     }
 
     /// What a corner of a pixel sees of the pad, if nothing fixed is in front.
@@ -534,35 +518,6 @@ fn outline(lines: &[Line; LINES]) -> Vec3 {
         around[CORNERS - 1 - k] = *high;
     }
     irradiance(&around)
-}
-
-struct NodeRow<'a> {
-    frame: &'a Frame<'a>,
-    row: usize,
-    out: &'a mut [f32],
-}
-
-impl Work for NodeRow<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let camera = &self.frame.once.view.camera;
-        let y = (self.row * NODE_PX).min(camera.height);
-        let stride = self.frame.slots.stride();
-        for (batch, nodes) in self.out.chunks_mut(WIDTH * stride).enumerate() {
-            let seen = |i: usize| self.frame.corner(((batch * WIDTH + i) * NODE_PX).min(camera.width), y);
-            let mut points = [Vec3::ZERO; WIDTH];
-            let n = nodes.len() / stride;
-            (0..n).for_each(|i| points[i] = seen(i).map_or(Vec3::ZERO, |(p, _)| p));
-            self.frame.fill(&points[..n], nodes);
-            for (i, node) in nodes.chunks_exact_mut(stride).enumerate() {
-                if seen(i).is_none() {
-                    node[POSITION] = f32::NAN;
-                }
-            }
-        }
-    }
 }
 
 /// Texture coordinate at a point of a triangle's plane; 0 where the mesh carries none.

@@ -42,7 +42,9 @@ impl Heights {
     /// Looks at a lattice from above, with cells of about `cell` mm.
     pub fn new(positions: &[Vec3], lattice: [usize; 2], cell: f32) -> Self {
         let inf = Vec3::splat(f32::INFINITY);
-        let [low, high] = positions.iter().fold([inf, -inf], |[l, h], p| [l.min(*p), h.max(*p)]);
+        let wider = |[l, h]: [Vec3; 2], [m, i]: [Vec3; 2]| [l.min(m), h.max(i)];
+        let of_some = |some: &[Vec3]| some.iter().fold([inf, -inf], |all, p| wider(all, [*p; 2]));
+        let [low, high] = positions.par_chunks(16_384).map(of_some).reduce(|| [inf, -inf], wider);
         let extent = (high - low).truncate();
         let cell = cell.max(extent.max_element() / 2048.0).max(1e-6);
         let size = [(extent.x / cell) as usize, (extent.y / cell) as usize].map(|n| n.max(2));
@@ -191,24 +193,37 @@ const CREST: f32 = 0.3;
 const SHARP: f32 = 1.0;
 const RIM: usize = 16;
 
-/// The points of a lattice that are on a crest, and by how much the slope breaks. A cell there is as high as they are: the mean of a rim with what lies before and
-/// behind it is lower and farther back, and shadows would be too short by half a cell.
+/// The points of a lattice that are on a crest, and by how much the slope breaks. A cell there is as high as they are: the mean
+/// of a rim with what lies before and behind it is lower and farther back, and shadows would be too short by half a cell.
 fn crests(positions: &[Vec3], [nx, ny]: [usize; 2]) -> Vec<(Vec3, f32)> {
-    let breaks = |k: usize| {
-        let p = positions[k];
-        let along = |(step, at, n): (usize, usize, usize)| {
-            if at == 0 || at + 1 == n {
-                return 0.0;
-            }
-            let (before, after) = (positions[k - step], positions[k + step]);
-            let fall = 2.0 * p.z - before.z - after.z;
-            // (Most points lie so level that their distance need not be known.)
-            if fall > 0.0 { 2.0 * fall / (after - before).truncate().length().max(1e-6) } else { 0.0 }
-        };
-        (p, along((1, k % nx, nx)).max(along((nx, k / nx, ny))))
+    // By how much the slope falls at a point, from those before and after it.
+    let breaks = |before: Vec3, p: Vec3, after: Vec3| {
+        let fall = 2.0 * p.z - before.z - after.z;
+        let length2 = (after - before).truncate().length_squared().max(1e-12);
+        // (Most points lie so level that their distance need not be known.)
+        if fall > 0.0 && 4.0 * fall * fall > CREST * CREST * length2 {
+            2.0 * fall / length2.sqrt()
+        } else {
+            0.0
+        }
     };
-    let points = (0..positions.len()).into_par_iter().with_min_len(8192);
-    points.map(breaks).filter(|(_, breaks)| *breaks > CREST).collect()
+    let in_row = |j: usize| {
+        let row = &positions[j * nx..][..nx];
+        let beside =
+            [j.wrapping_sub(1), j + 1].map(|j| positions.get(j.wrapping_mul(nx)..).and_then(|p| p.get(..nx)));
+        let mut found = Vec::new();
+        for (i, p) in row.iter().enumerate() {
+            let mut most = if i > 0 && i + 1 < nx { breaks(row[i - 1], *p, row[i + 1]) } else { 0.0 };
+            if let [Some(above), Some(below)] = beside {
+                most = most.max(breaks(above[i], *p, below[i]));
+            }
+            if most > 0.0 {
+                found.push((*p, most));
+            }
+        }
+        found
+    };
+    (0..ny).into_par_iter().with_min_len(16).flat_map_iter(in_row).collect()
 }
 
 /// The largest height within each reach of each coarse cell.

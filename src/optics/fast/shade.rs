@@ -103,11 +103,9 @@ impl<'a> Block<'a> {
                 *exact = false;
                 continue;
             };
-            // A field that falls off over the distance d errs by parts of its own of about (size/d)^2/8, twice.
             let direct = self.slots.direct(l);
             let field = Vec3::from_slice(&a[direct..]).abs().max_element() * self.weights[l];
-            let away2 = distance_squared(&corners, middle).max(1e-6);
-            *exact = field * (0.125 * size2 + bent * away2.sqrt()) > away2;
+            *exact = falls_off(&corners, middle, field, size2, bent);
         }
     }
 
@@ -273,6 +271,15 @@ fn step_of(source: &Source, most: f32, thorough: bool) -> usize {
         _ if most <= 2.0 && !thorough => KEPT,
         _ => 1,
     }
+}
+
+/// Whether the field of a rectangle bends too much around a place for a mean over the square of a diagonal, of which the middle is
+/// `bent` away, mm. `field` is what there is of it there, as part of what may be wrong.
+#[inline(always)]
+pub fn falls_off(corners: &[Vec3; 4], place: Vec3, field: f32, size2: f32, bent: f32) -> bool {
+    // A field that falls off over the distance d errs by parts of its own of about (size/d)^2/8, twice.
+    let away2 = distance_squared(corners, place).max(1e-6);
+    field * (0.125 * size2 + bent * away2.sqrt()) > away2
 }
 
 /// Square of the distance to a rectangle.

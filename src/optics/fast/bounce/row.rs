@@ -13,6 +13,8 @@ const DISTANCES: [f32; 25] = [
     1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.5, 16.0, 17.5, 19.0, 21.0, 23.0,
     25.0, 28.0, 31.0, 35.0, 39.0, 44.0,
 ];
+/// The same where little will do.
+const FEW_DISTANCES: [f32; 12] = [1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.5, 14.0, 19.0, 25.0, 33.0, 44.0];
 /// Ground this even, up to the farthest distance, needs no look: a slope.
 const EVEN: f32 = 4e-3;
 /// Cells that see nothing of the pad are taken to be this high, mm.
@@ -25,6 +27,18 @@ const EDGED: f32 = 0.3;
 /// Planes whose normal has less of it upwards are steep; 1 over the square of the sine by which something is clear of one.
 const STEEP: f32 = 0.7;
 const CLEAR: f32 = 100.0;
+
+/// Weights of level ground up to the slopes between rises, and of all of it.
+const FLAT: [f32; RISES + 1] = {
+    let mut flat = [0.5; RISES + 1];
+    let mut k = 0;
+    while k < RISES {
+        let slope2 = SLOPES[k] * SLOPES[k];
+        flat[k] = 0.5 * slope2 / (1.0 + slope2);
+        k += 1;
+    }
+    flat
+};
 
 /// A row of cells.
 pub struct Row<'a, S> {
@@ -118,6 +132,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         let [plane_x, plane_y] = [nx, ny].map(|n| flat.choose((-n).over(nz), zero));
         let is_steep = nz.below(Eight::all(STEEP)).any();
         let reflected = self.cells.albedo * FRAC_1_PI;
+        let distances: &[f32] = if self.cells.closely { &DISTANCES } else { &FEW_DISTANCES };
         let farthest = DISTANCES[DISTANCES.len() - 1] * self.cells.edge_mm;
         // By picture: what was seen last, and the untouched ground there.
         let mut tops = vec![[Vectors::all(Vec3::ZERO); 2]; sums.len()];
@@ -140,7 +155,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
             let mut steep = zero;
             let back = self.neighbour(lookout.cells_to(ahead * self.cells.edge_mm, stands.z)).unwrap_or(0);
             let mut height = stands.z;
-            for distance in DISTANCES {
+            for &distance in distances {
                 let ahead_mm = ahead * (distance * self.cells.edge_mm);
                 // How high it is there is known when it is found: the second look is at the right place.
                 let Some(first) = self.neighbour(lookout.cells_to(ahead_mm, height)) else { break };
@@ -285,26 +300,30 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         let [area, rest_area] = [0, 1].map(|k| Means::eight(&means.areas[k], at) * Eight::all(PER_WEIGHT));
         let [nx_, ny_, nz_] = [0, 1, 2].map(|c| Means::eight(&means.normals[c], at));
         let [rx, ry, rz] = [0, 1, 2].map(|c| Means::eight(&means.rest_normals[c], at));
+        let flat = !Eight::all(1e-6).below(rx.abs().max(ry.abs())).any();
         // Parts of what is sent, by direction: now and before.
         let mut parts = [[zero; 2]; echo::DIRECTIONS];
         for (direction, [slope, below]) in horizons.iter().enumerate() {
             let ahead = ahead(direction);
             let along = nx_ * Eight::all(ahead.x) + ny_ * Eight::all(ahead.y);
             let rest_along = rx * Eight::all(ahead.x) + ry * Eight::all(ahead.y);
-            let plane = (-rest_along).over(rz);
-            let rest_below = weight(plane, rest_along, rz);
+            let plane = if flat { zero } else { (-rest_along).over(rz) };
+            let rest_below = if flat { zero } else { weight(plane, rest_along, rz) };
             // What leaves from high up meets a wall where steeper light from the level would; what meets none is the pad's.
             let lift = self.lift(at, ahead);
             let from = |k: usize, lift: Eight, along: Eight, up: Eight, horizon: Eight, below: Eight| {
                 let edge = SLOPES.get(k).map_or(steepest, |s| Eight::all(*s)) - lift;
                 horizon.below(edge).choose(weight(edge, along, up), below)
             };
-            let of_both = |k: usize| {
-                [from(k, lift, along, nz_, *slope, *below), from(k, zero, rest_along, rz, plane, rest_below)]
+            let of_now = |k: usize| from(k, lift, along, nz_, *slope, *below);
+            // Most faces are flat at rest.
+            let of_rest = |k: usize| match flat {
+                true => Eight::all(FLAT[k]),
+                false => from(k, zero, rest_along, rz, plane, rest_below),
             };
-            let mut low = of_both(0);
+            let mut low = [of_now(0), of_rest(0)];
             for rise in 0..RISES {
-                let high = of_both(rise + 1);
+                let high = [of_now(rise + 1), of_rest(rise + 1)];
                 parts[direction * RISES + rise] = [(high[0] - low[0]) * area, (high[1] - low[1]) * rest_area];
                 low = high;
             }

@@ -27,6 +27,7 @@ fn white<'a>(
         echo: None,
         lost: &[],
         again: false,
+        closely: true,
     }
 }
 
