@@ -64,6 +64,9 @@ const PARTS: u32 = 4;
 /// A smaller part of its surroundings is none.
 const LEAST_PART: f64 = 0.1;
 
+/// Points that are not worth another thread.
+const FEW: usize = 1024;
+
 /// What is known of a face from its splines.
 pub struct Splined<'a> {
     pub body: &'a Body,
@@ -100,9 +103,6 @@ pub fn finer(spacing_mm: [f64; 2], cell_mm: [f64; 2]) -> Option<[usize; 2]> {
 pub fn lattice(size_mm: [f64; 3], cell_mm: [f64; 2]) -> [usize; 2] {
     [0, 1].map(|a| (size_mm[a] / (cell_mm[a] / ACROSS_CELL).max(CLOSE_ENOUGH_MM)).ceil() as usize + 1)
 }
-
-/// Points that are not worth another thread.
-const FEW: usize = 1024;
 
 /// The part of a lattice that is looked at.
 #[derive(Debug, Clone, Copy)]

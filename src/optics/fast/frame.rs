@@ -47,8 +47,11 @@ pub struct Effort {
     pub field: f32,
     /// A block is divided when its middle departs from its corners' mean by more, mm.
     pub curved_mm: f32,
-    /// Whether bent horizons are followed finely.
+    /// Whether bent horizons are followed finely, and strong light bounces again.
     pub fine: bool,
+    /// Whether nodes follow from those around them where they may, and the bounce looks at half as many distances: of pads without
+    /// sharp rims.
+    pub sparse: bool,
     /// Whether flanks light their surroundings.
     pub bounce: bool,
     /// Whether nothing is skipped that a scene does not need: to measure what skipping saves.
@@ -202,7 +205,7 @@ impl Frame<'_> {
                 echo,
                 lost: &self.lost(lights.len()),
                 again: self.effort.fine,
-                closely: self.effort.fine,
+                closely: !self.effort.sparse,
             };
             let skylines = match lights.len() {
                 1 => std::slice::from_ref(&self.once.skyline),

@@ -200,7 +200,7 @@ fn crests(positions: &[Vec3], [nx, ny]: [usize; 2]) -> Vec<(Vec3, f32)> {
     let breaks = |before: Vec3, p: Vec3, after: Vec3| {
         let fall = 2.0 * p.z - before.z - after.z;
         let length2 = (after - before).truncate().length_squared().max(1e-12);
-        // (Most points lie so level that their distance need not be known.)
+        // (Most points lie so level that neither the root nor the division is needed.)
         if fall > 0.0 && 4.0 * fall * fall > CREST * CREST * length2 {
             2.0 * fall / length2.sqrt()
         } else {

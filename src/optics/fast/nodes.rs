@@ -26,13 +26,14 @@ impl Frame<'_> {
         let every = |step: usize, n: usize| -> Vec<usize> {
             (0..n - 1).step_by(step).chain(std::iter::once(n - 1)).collect()
         };
-        if self.effort.fine || self.effort.thorough {
+        if !self.effort.sparse || self.effort.thorough {
             return self.worked_out(&every(1, columns), &every(1, rows));
         }
         let (few_columns, few_rows) = (every(SPARSE, columns), every(SPARSE, rows));
         let few = self.worked_out(&few_columns, &few_rows);
-        let sparse =
-            Sparse { level: self.mean_level(&few), columns: few_columns, rows: few_rows, nodes: few };
+        let wrong = (self.effort.field * self.mean_level(&few)).max(1e-30);
+        let weights = (0..self.once.sources.len()).map(|l| self.strength(l) / wrong).collect();
+        let sparse = Sparse { columns: few_columns, rows: few_rows, nodes: few, weights };
         let stride = self.slots.stride();
         let mut nodes = vec![0.0; columns * rows * stride];
         nodes.par_chunks_mut(columns * stride).enumerate().for_each(|(row, out)| {
@@ -101,8 +102,8 @@ struct Sparse {
     columns: Vec<usize>,
     rows: Vec<usize>,
     nodes: Vec<f32>,
-    /// Irradiance against which errors are held.
-    level: f32,
+    /// What irradiance of a light counts for, as part of what may be wrong.
+    weights: Vec<f32>,
 }
 
 /// A row of all nodes.
@@ -144,7 +145,7 @@ impl Work for Between<'_> {
             let [x1, y1] = frame.pixel_of([sparse.columns[right], sparse.rows[below]]);
             let part = |at: usize, from: usize, to: usize| (at - from) as f32 / (to - from).max(1) as f32;
             let uv = [part(x, x0, x1), part(y, y0, y1)];
-            match frame.corner(x, y).filter(|(p, _)| frame.follows(*p, four, uv, sparse.level)) {
+            match frame.corner(x, y).filter(|(p, _)| frame.follows(*p, four, uv, &sparse.weights)) {
                 Some((p, _)) => frame.fill_between(p, four, uv, &mut out[i * stride..][..stride]),
                 None => {
                     alone.push([i, row]);
@@ -160,16 +161,17 @@ impl Work for Between<'_> {
     }
 }
 
-/// The last of `some` that is not after `at`, and how far it is to the next if `at` lies between the two.
+/// Which of `some` is the last that is not after `at`, and 1 if `at` lies between that and the next.
 fn place(some: &[usize], at: usize) -> (usize, usize) {
     let k = some.partition_point(|s| *s <= at) - 1;
     (k, usize::from(some[k] != at))
 }
 
 impl Frame<'_> {
-    /// Whether what a node holds follows from four around it.
+    /// Whether what a node holds follows from four around it: the pad does not bend between them, no light is near, and all are on
+    /// the same side of each.
     #[inline(always)]
-    fn follows(&self, p: Vec3, four: [&[f32]; 4], [u, v]: [f32; 2], level: f32) -> bool {
+    fn follows(&self, p: Vec3, four: [&[f32]; 4], [u, v]: [f32; 2], weights: &[f32]) -> bool {
         if four.iter().any(|n| n[POSITION].is_nan()) {
             return false;
         }
@@ -181,15 +183,68 @@ impl Frame<'_> {
         }
         let [first, .., last] = four.map(|n| Vec3::from_slice(&n[POSITION..]));
         let size2 = (last - first).length_squared();
-        self.once.sources.iter().enumerate().all(|(l, source)| {
+        self.once.sources.iter().zip(weights).enumerate().all(|(l, (source, weight))| {
             let faced = four.map(|n| n[self.slots.gain(l)] > 0.0);
-            let closed = source.corners().filter(|_| self.once.tables.direct[l].is_none());
-            let near = closed.is_some_and(|corners| {
-                let direct = Vec3::from_slice(&four[0][self.slots.direct(l)..]).abs().max_element();
-                let field = direct * self.strength(l) / (self.effort.field * level).max(1e-30);
-                falls_off(&corners, p, field, size2, bent)
+            let field = Vec3::from_slice(&four[0][self.slots.direct(l)..]).abs().max_element() * weight;
+            let corners = source.corners().unwrap_or_else(|| {
+                let [[a, d], [b, c]] = [0, 1].map(|k| source.line(k, 1, p));
+                [a, b, c, d]
             });
-            !near && faced.iter().all(|f| *f == faced[0])
+            faced.iter().all(|f| *f == faced[0]) && !falls_off(&corners, p, field, size2, bent)
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::optics::bench_scene::Variant;
+    use crate::optics::fast::tests::scene;
+    use crate::optics::fast::{Precomputed, Renderer};
+    use crate::optics::{LightShape, Scene};
+    use glam::Vec3;
+
+    /// The middle of the benchmark scene, in pixels as small as those of its own camera.
+    fn middle(height: fn(f32, f32) -> f32, first: Option<&LightShape>) -> Scene {
+        let mut scene = scene(Variant::Ac, height);
+        scene.camera.tan_half_x /= 8.0;
+        scene.camera = scene.camera.with_raster(75, 61);
+        if let Some(shape) = first {
+            scene.lights[0].shape = shape.clone();
+        }
+        scene
+    }
+
+    fn ball(x: f32, y: f32) -> f32 {
+        0.5 * (-(x * x + y * y) / 4.0).exp()
+    }
+
+    #[test]
+    fn nodes_that_follow_from_others_change_next_to_nothing() {
+        let disc = LightShape::Disc { center: Vec3::new(-2.2, 0.3, 1.6), normal: -Vec3::Z, radius: 0.4 };
+        let (from, to) = (Vec3::new(-2.2, -3.0, 1.8), Vec3::new(-2.2, 3.0, 1.8));
+        let tube = LightShape::Tube { from, to, radius: 0.2 };
+        for (first, most) in [(None, 1e-3), (Some(disc), 3e-3), (Some(tube), 3e-3)] {
+            let once = Precomputed::new(&middle(|_, _| 0.0, first.as_ref())).unwrap();
+            let pressed = middle(ball, first.as_ref());
+            let [few, all] = [true, false].map(|sparse| {
+                let mut renderer = Renderer::new(&once, &pressed, 0.01).unwrap();
+                assert!(renderer.effort.sparse);
+                renderer.effort.sparse = sparse;
+                renderer.pictures(1).films.swap_remove(0)
+            });
+            assert_ne!(few, all);
+            let squares = few.pixels.iter().zip(&all.pixels).map(|(a, b)| (*a - *b).length_squared());
+            let rms = (squares.sum::<f32>() / (3 * all.pixels.len()) as f32).sqrt();
+            let apart = 3.0 * rms / all.mean().element_sum();
+            assert!(apart < most, "{first:?}: {apart}");
+        }
+    }
+
+    #[test]
+    fn sharp_rims_have_all_their_nodes() {
+        let once = Precomputed::new(&middle(|_, _| 0.0, None)).unwrap();
+        let step = middle(|x, _| if x < 0.0 { 0.6 } else { 0.0 }, None);
+        let renderer = Renderer::new(&once, &step, 0.01).unwrap();
+        assert!(renderer.heights.has_sharp_rims() && !renderer.effort.sparse);
     }
 }

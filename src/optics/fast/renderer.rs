@@ -73,15 +73,9 @@ impl<'a> Renderer<'a> {
         // Without interreflection there is no bounce to look for.
         let dark = matches!(albedo, Albedo::Constant(a) if *a == Vec3::ZERO);
         effort.bounce = scene.max_events > 1 && !dark;
-        Ok(Self {
-            once,
-            mesh: pad.mesh.clone(),
-            lattice,
-            albedo: albedo.clone(),
-            heights: Heights::of(&pad.mesh, lattice, effort.cell),
-            effort,
-            tolerance,
-        })
+        let heights = Heights::of(&pad.mesh, lattice, effort.cell);
+        effort.sparse &= !heights.has_sharp_rims();
+        Ok(Self { once, mesh: pad.mesh.clone(), lattice, albedo: albedo.clone(), heights, effort, tolerance })
     }
 
     /// Does what this scene does not need as well: shadow tests where no light can be hidden, the bounce where nothing

@@ -273,8 +273,9 @@ fn step_of(source: &Source, most: f32, thorough: bool) -> usize {
     }
 }
 
-/// Whether the field of a rectangle bends too much around a place for a mean over the square of a diagonal, of which the middle is
-/// `bent` away, mm. `field` is what there is of it there, as part of what may be wrong.
+/// Whether the field of a rectangle bends too much to be interpolated across a block around `place`, whose diagonal squared is
+/// `size2`, mm^2, and whose middle is `bent` off the mean of its corners, mm. `field` is what there is of it, as part of what may
+/// be wrong.
 #[inline(always)]
 pub fn falls_off(corners: &[Vec3; 4], place: Vec3, field: f32, size2: f32, bent: f32) -> bool {
     // A field that falls off over the distance d errs by parts of its own of about (size/d)^2/8, twice.
