@@ -66,8 +66,6 @@ impl Body {
             Base::LowerHalfVz => nz / 2,
         };
         let mut body = Self::empty(scheme, base, isa);
-        // Columns of z: neighbours in a batch then share rows of the grid exactly or not at all. Along x
-        // their rows would overlap in part, and a load that overlaps a recent store in part has to wait for it.
         let slab = |body: &Self, i: usize| -> Vec<Moving> {
             let lattice = (0..ny).flat_map(|j| (0..nz).map(move |k| (j, k)));
             lattice
@@ -87,7 +85,21 @@ impl Body {
             let particles = slab(&body, i);
             body.put(&particles);
         }
+        body.sort();
         body
+    }
+
+    /// Puts the particles of each block in the order of their cells: those of one cell share a stencil, which stays in registers.
+    /// Columns along z, for cells beside each other there share rows of the grid exactly or not at all; along x rows would overlap in
+    /// part, and a load that overlaps a recent store in part has to wait for it.
+    fn sort(&mut self) {
+        for (bin, place) in self.bins.iter_mut().zip(&self.grid.places) {
+            let origin = place.origin();
+            let mut particles: Vec<Particle> = bin.iter(origin).collect();
+            particles.sort_by_key(|p| (p.cell, p.id));
+            *bin = Bin::default();
+            particles.iter().for_each(|p| bin.push(p, home(p.cell).1));
+        }
     }
 
     /// Space for a body without particles.

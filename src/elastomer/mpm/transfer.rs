@@ -100,18 +100,20 @@ fn reach(n: usize, d: usize) -> (usize, usize) {
     if n >> d & 1 == 1 { (BLOCK[d], RIM) } else { (0, BLOCK[d]) }
 }
 
+/// Row `r` of nine of a stencil, along y and then along z, for the last of them.
+#[inline(always)]
+fn stencil_row<T>(last: *mut T, r: usize) -> *mut T {
+    last.wrapping_sub(((2 - r / 3) * TILE_LAYER + (2 - r % 3) * TILE[0]) * 4)
+}
+
 /// Velocity and moments of one particle: `[v | first moment along x | along y | along z]`, four components each.
 #[inline(always)]
-fn gather_one<L: Lanes>(x: &AlongX<L>, offset: f32, wy: [f32; 3], wz: [f32; 3], last: *const f32) -> L {
+fn gather_one<L: Lanes>(x: &AlongX<L>, offset: f32, wy: [f32; 3], wz: [f32; 3], stencil: &[L; 9]) -> L {
     let [z0, z1, z2] = wz.map(L::fill);
     let mut rows = [L::fill(0.0); 3];
     let mut along_z = [L::fill(0.0); 3];
     for j in 0..3 {
-        // SAFETY: `last` is the last row of a stencil inside a tile; the others lie before it.
-        let (n0, n1, n2) = unsafe {
-            let row = |k: usize| last.sub(((2 - k) * TILE_LAYER + (2 - j) * TILE[0]) * 4);
-            (L::read(row(0)), L::read(row(1)), L::read(row(2)))
-        };
+        let [n0, n1, n2] = [stencil[j], stencil[3 + j], stencil[6 + j]];
         let t0 = n0 * z0;
         rows[j] = n1.mul_add(z1, n2.mul_add(z2, t0));
         along_z[j] = n2.mul_sub(z2, t0);
@@ -127,21 +129,24 @@ fn gather_one<L: Lanes>(x: &AlongX<L>, offset: f32, wy: [f32; 3], wz: [f32; 3], 
 
 /// Adds one particle's mass and momentum to its stencil. `m` is `[momentum, mass | A x | A y | A z]` at the middle node.
 #[inline(always)]
-fn scatter_one<L: Lanes>(x: &AlongX<L>, offset: f32, wyz: &[Row; 9], i: usize, m: &Row, last: *mut f32) {
+fn scatter_one<L: Lanes>(
+    x: &AlongX<L>,
+    offset: f32,
+    wyz: &[Row; 9],
+    i: usize,
+    m: &Row,
+    stencil: &mut [L; 9],
+) {
     let w = x.weights(offset);
     let middle = w * x.step.mul_add(L::repeat_group::<1>(m), L::repeat_group::<0>(m));
     let along_y = w * L::repeat_group::<2>(m);
     let along_z = w * L::repeat_group::<3>(m);
     let rows = [middle - along_y, middle, middle + along_y];
     for j in 0..3 {
-        let row = |k: usize| last.wrapping_sub(((2 - k) * TILE_LAYER + (2 - j) * TILE[0]) * 4);
         let w = |k: usize| L::fill(wyz[3 * k + j].0[i]);
-        // SAFETY: `last` is the last row of a stencil inside a tile; the others lie before it.
-        unsafe {
-            (rows[j] - along_z).mul_add(w(0), L::read(row(0))).write(row(0));
-            rows[j].mul_add(w(1), L::read(row(1))).write(row(1));
-            (rows[j] + along_z).mul_add(w(2), L::read(row(2))).write(row(2));
-        }
+        stencil[j] = (rows[j] - along_z).mul_add(w(0), stencil[j]);
+        stencil[3 + j] = rows[j].mul_add(w(1), stencil[3 + j]);
+        stencil[6 + j] = (rows[j] + along_z).mul_add(w(2), stencil[6 + j]);
     }
 }
 
@@ -229,12 +234,28 @@ fn scatter_batch<L: Lanes>(
             (wy[j] * wz[k]).store(&mut wyz[3 * k + j]);
         }
     }
+    // Neighbours in a batch lie in one cell, as a rule: its stencil stays in registers for as long.
     let mut left = lanes;
     while left != 0 {
-        let i = left.trailing_zeros() as usize;
-        left &= left - 1;
-        let last = tile.at_mut(node[i] as usize + LAST_ROW);
-        scatter_one(x, offset[0].0[i], wyz, i, &moments[i], last);
+        let cell = node[left.trailing_zeros() as usize];
+        let last = tile.at_mut(cell as usize + LAST_ROW);
+        let mut stencil = [L::fill(0.0); 9];
+        for r in 0..9 {
+            // SAFETY: `last` is the last row of a stencil inside the tile; the others lie before it.
+            stencil[r] = unsafe { L::read(stencil_row(last, r)) };
+        }
+        while left != 0 {
+            let i = left.trailing_zeros() as usize;
+            if node[i] != cell {
+                break;
+            }
+            left &= left - 1;
+            scatter_one(x, offset[0].0[i], wyz, i, &moments[i], &mut stencil);
+        }
+        for r in 0..9 {
+            // SAFETY: as above.
+            unsafe { stencil[r].write(stencil_row(last, r)) };
+        }
     }
 }
 
@@ -264,11 +285,21 @@ impl<L: Lanes> Walk<'_, L> {
             wy[j].store(&mut w[j]);
             wz[j].store(&mut w[3 + j]);
         }
-        for i in 0..batch.len as usize {
-            let last = self.velocities.at(batch.node[i] as usize + LAST_ROW);
-            let y = [w[0].0[i], w[1].0[i], w[2].0[i]];
-            let z = [w[3].0[i], w[4].0[i], w[5].0[i]];
-            gather_one(&self.x, batch.offset[0].0[i], y, z, last).store(&mut moments[i]);
+        let mut i = 0;
+        while i < batch.len as usize {
+            let cell = batch.node[i];
+            let last = self.velocities.at(cell as usize + LAST_ROW).cast_mut();
+            let mut stencil = [L::fill(0.0); 9];
+            for r in 0..9 {
+                // SAFETY: `last` is the last row of a stencil inside the tile; the others lie before it.
+                stencil[r] = unsafe { L::read(stencil_row(last, r)) };
+            }
+            while i < batch.len as usize && batch.node[i] == cell {
+                let y = [w[0].0[i], w[1].0[i], w[2].0[i]];
+                let z = [w[3].0[i], w[4].0[i], w[5].0[i]];
+                gather_one(&self.x, batch.offset[0].0[i], y, z, &stencil).store(&mut moments[i]);
+                i += 1;
+            }
         }
         let (one, four) = (L::fill(1.0), L::fill(4.0));
         let mut rows = [one; WIDTH];
