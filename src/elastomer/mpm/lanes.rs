@@ -61,6 +61,9 @@ pub trait Number:
 
 /// Sixteen `f32`.
 pub trait Lanes: Number {
+    /// Whether nine of them, the rows of a stencil, stay in registers beside what is worked on. With sixteen registers to read them
+    /// again for each particle is faster by a tenth.
+    const STENCIL_FITS: bool;
     /// The same value in every lane.
     fn fill(x: f32) -> Self;
     /// Reads an aligned row.

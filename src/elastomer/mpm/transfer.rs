@@ -108,12 +108,18 @@ fn stencil_row<T>(last: *mut T, r: usize) -> *mut T {
 
 /// Velocity and moments of one particle: `[v | first moment along x | along y | along z]`, four components each.
 #[inline(always)]
-fn gather_one<L: Lanes>(x: &AlongX<L>, offset: f32, wy: [f32; 3], wz: [f32; 3], stencil: &[L; 9]) -> L {
+fn gather_one<L: Lanes>(
+    x: &AlongX<L>,
+    offset: f32,
+    wy: [f32; 3],
+    wz: [f32; 3],
+    row: impl Fn(usize) -> L,
+) -> L {
     let [z0, z1, z2] = wz.map(L::fill);
     let mut rows = [L::fill(0.0); 3];
     let mut along_z = [L::fill(0.0); 3];
     for j in 0..3 {
-        let [n0, n1, n2] = [stencil[j], stencil[3 + j], stencil[6 + j]];
+        let [n0, n1, n2] = [row(j), row(3 + j), row(6 + j)];
         let t0 = n0 * z0;
         rows[j] = n1.mul_add(z1, n2.mul_add(z2, t0));
         along_z[j] = n2.mul_sub(z2, t0);
@@ -127,7 +133,8 @@ fn gather_one<L: Lanes>(x: &AlongX<L>, offset: f32, wy: [f32; 3], wz: [f32; 3], 
     L::moments(w * sum, w * along_y, w * along_z)
 }
 
-/// Adds one particle's mass and momentum to its stencil. `m` is `[momentum, mass | A x | A y | A z]` at the middle node.
+/// One particle's mass and momentum for its stencil: `add` takes a row, its value and the weight of that. `m` is `[momentum, mass |
+/// A x | A y | A z]` at the middle node.
 #[inline(always)]
 fn scatter_one<L: Lanes>(
     x: &AlongX<L>,
@@ -135,7 +142,7 @@ fn scatter_one<L: Lanes>(
     wyz: &[Row; 9],
     i: usize,
     m: &Row,
-    stencil: &mut [L; 9],
+    mut add: impl FnMut(usize, L, L),
 ) {
     let w = x.weights(offset);
     let middle = w * x.step.mul_add(L::repeat_group::<1>(m), L::repeat_group::<0>(m));
@@ -144,9 +151,9 @@ fn scatter_one<L: Lanes>(
     let rows = [middle - along_y, middle, middle + along_y];
     for j in 0..3 {
         let w = |k: usize| L::fill(wyz[3 * k + j].0[i]);
-        stencil[j] = (rows[j] - along_z).mul_add(w(0), stencil[j]);
-        stencil[3 + j] = rows[j].mul_add(w(1), stencil[3 + j]);
-        stencil[6 + j] = (rows[j] + along_z).mul_add(w(2), stencil[6 + j]);
+        add(j, rows[j] - along_z, w(0));
+        add(3 + j, rows[j], w(1));
+        add(6 + j, rows[j] + along_z, w(2));
     }
 }
 
@@ -234,15 +241,24 @@ fn scatter_batch<L: Lanes>(
             (wy[j] * wz[k]).store(&mut wyz[3 * k + j]);
         }
     }
-    // Neighbours in a batch lie in one cell, as a rule: its stencil stays in registers for as long.
     let mut left = lanes;
     while left != 0 {
         let cell = node[left.trailing_zeros() as usize];
         let last = tile.at_mut(cell as usize + LAST_ROW);
+        let row = |r: usize| stencil_row(last, r);
+        if !L::STENCIL_FITS {
+            let i = left.trailing_zeros() as usize;
+            left &= left - 1;
+            // SAFETY: `last` is the last row of a stencil inside the tile; the others lie before it.
+            let add = |r: usize, value: L, w: L| unsafe { value.mul_add(w, L::read(row(r))).write(row(r)) };
+            scatter_one(x, offset[0].0[i], wyz, i, &moments[i], add);
+            continue;
+        }
+        // Neighbours in a batch lie in one cell, as a rule: its stencil stays in registers for as long.
         let mut stencil = [L::fill(0.0); 9];
         for r in 0..9 {
-            // SAFETY: `last` is the last row of a stencil inside the tile; the others lie before it.
-            stencil[r] = unsafe { L::read(stencil_row(last, r)) };
+            // SAFETY: as above.
+            stencil[r] = unsafe { L::read(row(r)) };
         }
         while left != 0 {
             let i = left.trailing_zeros() as usize;
@@ -250,11 +266,12 @@ fn scatter_batch<L: Lanes>(
                 break;
             }
             left &= left - 1;
-            scatter_one(x, offset[0].0[i], wyz, i, &moments[i], &mut stencil);
+            let add = |r: usize, value: L, w: L| stencil[r] = value.mul_add(w, stencil[r]);
+            scatter_one(x, offset[0].0[i], wyz, i, &moments[i], add);
         }
         for r in 0..9 {
             // SAFETY: as above.
-            unsafe { stencil[r].write(stencil_row(last, r)) };
+            unsafe { stencil[r].write(row(r)) };
         }
     }
 }
@@ -289,15 +306,20 @@ impl<L: Lanes> Walk<'_, L> {
         while i < batch.len as usize {
             let cell = batch.node[i];
             let last = self.velocities.at(cell as usize + LAST_ROW).cast_mut();
-            let mut stencil = [L::fill(0.0); 9];
-            for r in 0..9 {
-                // SAFETY: `last` is the last row of a stencil inside the tile; the others lie before it.
-                stencil[r] = unsafe { L::read(stencil_row(last, r)) };
+            // SAFETY: `last` is the last row of a stencil inside the tile; the others lie before it.
+            let read = |r: usize| unsafe { L::read(stencil_row(last, r)) };
+            let offset = batch.offset[0].0[i];
+            let y = |i: usize| [w[0].0[i], w[1].0[i], w[2].0[i]];
+            let z = |i: usize| [w[3].0[i], w[4].0[i], w[5].0[i]];
+            if !L::STENCIL_FITS {
+                gather_one(&self.x, offset, y(i), z(i), read).store(&mut moments[i]);
+                i += 1;
+                continue;
             }
+            let stencil: [L; 9] = std::array::from_fn(read);
             while i < batch.len as usize && batch.node[i] == cell {
-                let y = [w[0].0[i], w[1].0[i], w[2].0[i]];
-                let z = [w[3].0[i], w[4].0[i], w[5].0[i]];
-                gather_one(&self.x, batch.offset[0].0[i], y, z, &stencil).store(&mut moments[i]);
+                let offset = batch.offset[0].0[i];
+                gather_one(&self.x, offset, y(i), z(i), |r| stencil[r]).store(&mut moments[i]);
                 i += 1;
             }
         }

@@ -86,6 +86,7 @@ impl Number for Avx2 {
 }
 
 impl Lanes for Avx2 {
+    const STENCIL_FITS: bool = false;
     #[inline(always)]
     fn fill(x: f32) -> Self {
         // SAFETY: see [`Avx2`].

@@ -89,6 +89,7 @@ impl Number for Avx512 {
 }
 
 impl Lanes for Avx512 {
+    const STENCIL_FITS: bool = true;
     #[inline(always)]
     fn fill(x: f32) -> Self {
         op!(_mm512_set1_ps(x))

@@ -81,6 +81,7 @@ impl Number for Counted {
 }
 
 impl Lanes for Counted {
+    const STENCIL_FITS: bool = false;
     fn fill(x: f32) -> Self {
         Self(Portable::fill(x))
     }

@@ -95,6 +95,7 @@ impl Number for Neon {
 }
 
 impl Lanes for Neon {
+    const STENCIL_FITS: bool = false;
     #[inline(always)]
     fn fill(x: f32) -> Self {
         // SAFETY: NEON belongs to the baseline of aarch64.

@@ -84,6 +84,7 @@ impl Number for Portable {
 }
 
 impl Lanes for Portable {
+    const STENCIL_FITS: bool = false;
     #[inline(always)]
     fn fill(x: f32) -> Self {
         Self([x; WIDTH])
