@@ -232,7 +232,7 @@ impl QuasiStaticSolver {
         let relief = splined.relieve(&mut capture.surface, &mut capture.contact, |x, y| {
             shape.face_height_mm([size[0], size[1]], [x, y])
         });
-        if let Some(relief) = relief {
+        if let Some(relief) = relief.filter(|_| level.relief_tells(indenter)) {
             let part = relief.force_n / splined.force_n;
             capture.forces = capture.forces.times(part);
             capture.stats.base_reaction_n *= part;

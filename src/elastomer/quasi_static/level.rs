@@ -42,6 +42,12 @@ const NARROW: f64 = 2.0;
 /// What a face in relief may be off by besides, relative to depth: its lattice ends a contact where its points are, and the layer
 /// below it is a linear one. Found by experiment: dots with edges rounded by 0.3 mm stay 0.3 % off over whatever cells.
 const RELIEF_ERROR: f64 = 0.0035;
+/// Part of the pad's thickness down to which it answers as an undeformed layer does, and part of a contact that may be rim. Found
+/// by experiment: a sharp cylinder pressed through more than half of a pad, and needles and knives over cells wider than they are,
+/// take forces from their relief that disagree with the stored energy by 8 to 20 %.
+const SHALLOW: f64 = 0.3;
+/// See [`SHALLOW`].
+const MOST_RIM: f64 = 0.9;
 /// Error of the surface per friction that was still changing (found by experiment).
 const FRICTION_TO_ERROR: f64 = 0.1;
 /// A press counts as at least this deep where errors are relative to depth, mm.
@@ -436,9 +442,10 @@ impl Level {
         let unseen =
             probe::unseen_penetration_mm(grid, self.chart.as_ref(), &self.at.u, indenter, &self.at.pose);
         let depth = depth.max(LEAST_DEPTH_MM);
-        // A face at rest under a body that stands in it: what is not seen is missing.
+        // A face at rest under a body that stands in it is wrong altogether: how far points are inside of a thin one, its sides being
+        // near, does not tell.
         let Some(outcome) = self.at.outcome else {
-            return (unseen > 0.0).then(|| (unseen / depth).min(1.0));
+            return (unseen > 0.0).then_some(1.0);
         };
         let between = self.at.contacts.penetration_between(indenter, &self.at.pose, &self.at.u);
         let misfit = self.narrow() * (MISFIT_TO_ERROR * between + self.at.penetration_mm).max(unseen);
@@ -452,6 +459,13 @@ impl Level {
         let depth = self.at.contacts.depth_mm(indenter, &self.at.pose).max(LEAST_DEPTH_MM);
         let misfit = self.narrow() * misfit_mm / depth;
         Some(RELIEF_ERROR + misfit + self.unsettled_error(indenter, depth, outcome))
+    }
+
+    /// Whether the pressure of a face in relief tells more than that of the splines: of a press so shallow that the pad still answers
+    /// as an undeformed layer, and not all rim.
+    pub fn relief_tells(&self, indenter: &dyn Indenter) -> bool {
+        let depth = self.at.contacts.depth_mm(indenter, &self.at.pose);
+        depth <= SHALLOW * self.grid().size[2] && self.at.contacts.rim_part() <= MOST_RIM
     }
 
     /// Whether the indenter has come straight down since the pad was at rest.
