@@ -100,7 +100,7 @@ fn reach(n: usize, d: usize) -> (usize, usize) {
     if n >> d & 1 == 1 { (BLOCK[d], RIM) } else { (0, BLOCK[d]) }
 }
 
-/// Row `r` of nine of a stencil, along y and then along z, for the last of them.
+/// Row `r` of the nine of a stencil, those along y first, from where the last of them is.
 #[inline(always)]
 fn stencil_row<T>(last: *mut T, r: usize) -> *mut T {
     last.wrapping_sub(((2 - r / 3) * TILE_LAYER + (2 - r % 3) * TILE[0]) * 4)
@@ -308,18 +308,17 @@ impl<L: Lanes> Walk<'_, L> {
             let last = self.velocities.at(cell as usize + LAST_ROW).cast_mut();
             // SAFETY: `last` is the last row of a stencil inside the tile; the others lie before it.
             let read = |r: usize| unsafe { L::read(stencil_row(last, r)) };
-            let offset = batch.offset[0].0[i];
+            let x = |i: usize| batch.offset[0].0[i];
             let y = |i: usize| [w[0].0[i], w[1].0[i], w[2].0[i]];
             let z = |i: usize| [w[3].0[i], w[4].0[i], w[5].0[i]];
             if !L::STENCIL_FITS {
-                gather_one(&self.x, offset, y(i), z(i), read).store(&mut moments[i]);
+                gather_one(&self.x, x(i), y(i), z(i), read).store(&mut moments[i]);
                 i += 1;
                 continue;
             }
             let stencil: [L; 9] = std::array::from_fn(read);
             while i < batch.len as usize && batch.node[i] == cell {
-                let offset = batch.offset[0].0[i];
-                gather_one(&self.x, offset, y(i), z(i), |r| stencil[r]).store(&mut moments[i]);
+                gather_one(&self.x, x(i), y(i), z(i), |r| stencil[r]).store(&mut moments[i]);
                 i += 1;
             }
         }

@@ -168,8 +168,8 @@ fn place(some: &[usize], at: usize) -> (usize, usize) {
 }
 
 impl Frame<'_> {
-    /// Whether what a node holds follows from four around it: the pad does not bend between them, no light is near, and all are on
-    /// the same side of each.
+    /// Whether what a node holds follows from four around it: the pad does not bend between them, no light is near, and they are
+    /// all on the same side of each.
     #[inline(always)]
     fn follows(&self, p: Vec3, four: [&[f32]; 4], [u, v]: [f32; 2], weights: &[f32]) -> bool {
         if four.iter().any(|n| n[POSITION].is_nan()) {
