@@ -1,6 +1,6 @@
 //! A way followed on a cascade of grids.
 //!
-//! Every increment, unless a slide just goes on, is solved on the coarsest grid first; what its solution changed is the
+//! Every increment, unless a slide or a press just goes on, is solved on the coarsest grid first; what its solution changed is the
 //! guess of the next finer one, which so begins within a few hundredths of its answer. Each grid keeps its own anchors and slips. The finest
 //! alone gives the answer: a coarser one that finds no equilibrium is left behind until the pad is at rest again.
 
@@ -131,8 +131,9 @@ fn increment(
         rest_at(coarser, pose);
         return Ok(Ok(()));
     }
-    // Where a slide goes on, what came last says more than a coarser grid, which stays behind.
-    if fine.level.slides_on_to(pose) && fine.level.increment(indenter, pose, None, leave).is_ok() {
+    // Where a slide or a press goes on, what came last says more than a coarser grid, which stays behind.
+    let goes_on = fine.level.slides_on_to(pose) || fine.level.presses_on_to(indenter, pose);
+    if goes_on && fine.level.increment(indenter, pose, None, leave).is_ok() {
         return Ok(Ok(()));
     }
     let before: Vec<(Equilibrium, bool)> = coarser.iter().map(|s| (s.level.equilibrium(), s.lost)).collect();

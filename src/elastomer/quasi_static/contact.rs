@@ -19,11 +19,13 @@
 
 mod friction;
 mod patch;
+mod reach;
 mod side;
 
 pub use self::friction::STICK_STRENGTH;
 use self::friction::{Anchor, FrictionLaw, SLIP_SOFTNESS, STICK_SOFTNESS};
 pub use self::patch::Loads;
+use self::reach::{Lattice, Window};
 use self::side::{Entry, Side};
 use super::chart::Chart;
 use super::grid::{Grid, uniform_values};
@@ -77,17 +79,16 @@ pub struct Active {
     pub normal: DVec3,
 }
 
-/// All sample points and their present state.
+/// The sample points that the indenter can reach, and their present state.
 #[derive(Debug, Clone)]
 pub struct Contacts {
+    lattice: Lattice,
+    /// The cells whose points are kept, and those, cell by cell.
+    window: Window,
     samples: Vec<Sample>,
     active: Vec<Active>,
     /// Trace weights of the sub-samples along one axis.
     weights: Vec<[f64; 3]>,
-    per_axis: usize,
-    /// Area of a sample on a flat face, mm^2.
-    area: f64,
-    chart: Option<Chart>,
     /// Penalty, MPa/mm.
     stiffness: f64,
     /// Tangential penalty, MPa/mm.
@@ -104,7 +105,7 @@ pub struct Contacts {
 }
 
 impl Contacts {
-    /// Samples over the whole face, which `chart` bends, if anything does.
+    /// A face that nothing touches, which `chart` bends, if anything does.
     pub fn new(
         grid: &Grid,
         chart: Option<Chart>,
@@ -113,41 +114,14 @@ impl Contacts {
         friction: Friction,
         strength: f64,
     ) -> Self {
-        let area = grid.hx * grid.hy / (per_axis * per_axis) as f64;
-        let mut samples = Vec::with_capacity(grid.nx * grid.ny * per_axis * per_axis);
-        let offset = |s: usize| (s as f64 + 0.5) / per_axis as f64;
-        for j in 0..grid.ny {
-            for i in 0..grid.nx {
-                for sub in 0..per_axis * per_axis {
-                    let x = -grid.size[0] / 2.0 + grid.hx * (i as f64 + offset(sub % per_axis));
-                    let y = -grid.size[1] / 2.0 + grid.hy * (j as f64 + offset(sub / per_axis));
-                    samples.push(Sample {
-                        cell: [i, j],
-                        sub,
-                        rest: DVec3::new(x, y, chart.map_or(0.0, |chart| chart.height_mm(x, y))),
-                        area: area * chart.map_or(1.0, |chart| chart.stretch(x, y)),
-                        multiplier: 0.0,
-                        loaded: false,
-                        anchor: None,
-                        let_go: false,
-                        gap: f64::INFINITY,
-                        seen: DVec3::ZERO,
-                        pressure: 0.0,
-                        old_u: DVec3::ZERO,
-                        pushed_by: None,
-                        entry: None,
-                    });
-                }
-            }
-        }
+        let lattice = Lattice::new(grid, chart, per_axis);
         let top = grid.layers() - 1;
         Self {
-            samples,
+            window: Window::default(),
+            samples: Vec::new(),
             active: Vec::new(),
-            weights: (0..per_axis).map(|s| uniform_values(offset(s))).collect(),
-            per_axis,
-            area,
-            chart,
+            weights: (0..per_axis).map(|s| uniform_values(lattice.offset(s))).collect(),
+            lattice,
             stiffness,
             tangential: stiffness
                 * if friction == Friction::Infinite { STICK_SOFTNESS } else { SLIP_SOFTNESS },
@@ -167,7 +141,7 @@ impl Contacts {
         let mut fraction = 0.0;
         // Sphere tracing, as far as a turn leaves the distance valid.
         for _ in 0..64 {
-            let gap = self.least_gap(indenter, &from.lerp(to, fraction), None);
+            let gap = self.least_gap(indenter, &from.lerp(to, fraction));
             if gap < 1e-3 || way == 0.0 || fraction >= 1.0 {
                 break;
             }
@@ -187,7 +161,8 @@ impl Contacts {
     }
 
     fn value(&self, u: &[f32], cell: [usize; 2], sub: usize) -> DVec3 {
-        let (wx, wy) = (&self.weights[sub % self.per_axis], &self.weights[sub / self.per_axis]);
+        let per_axis = self.lattice.per_axis;
+        let (wx, wy) = (&self.weights[sub % per_axis], &self.weights[sub / per_axis]);
         let mut out = [0.0; 3];
         for (c, o) in out.iter_mut().enumerate() {
             let plane = &u[self.face[c]..self.face[c] + self.plane];
@@ -201,7 +176,8 @@ impl Contacts {
     }
 
     fn spread(&self, out: &mut [f32], cell: [usize; 2], sub: usize, v: DVec3) {
-        let (wx, wy) = (&self.weights[sub % self.per_axis], &self.weights[sub / self.per_axis]);
+        let per_axis = self.lattice.per_axis;
+        let (wx, wy) = (&self.weights[sub % per_axis], &self.weights[sub / per_axis]);
         for (c, v) in v.to_array().iter().enumerate() {
             let plane = &mut out[self.face[c]..self.face[c] + self.plane];
             for (b, wy) in wy.iter().enumerate() {
@@ -213,13 +189,12 @@ impl Contacts {
         }
     }
 
-    /// Least gap of the face displaced by `u` (or at rest), mm; infinite when the indenter is far away.
-    pub fn least_gap(&self, indenter: &dyn Indenter, pose: &Pose, u: Option<&[f32]>) -> f64 {
+    /// Least gap of the face at rest, mm; infinite when the indenter is far away.
+    pub fn least_gap(&self, indenter: &dyn Indenter, pose: &Pose) -> f64 {
         let [hx, hy] = indenter.half_extent_mm();
         let mut least = f64::INFINITY;
-        for s in &self.samples {
-            let moved = u.map_or(DVec3::ZERO, |u| self.value(u, s.cell, s.sub));
-            let p = pose.to_indenter(s.rest + moved);
+        for rest in self.lattice.under(indenter, pose) {
+            let p = pose.to_indenter(rest);
             if p.x.abs() <= hx && p.y.abs() <= hy && p.z >= -least.min(1e9) {
                 least = least.min(indenter.distance(p));
             }
@@ -233,6 +208,7 @@ impl Contacts {
         let (sin, cos) = pose.theta_deg.to_radians().sin_cos();
         let to_pad = |v: DVec3| DVec3::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y, v.z);
         let (k, kt) = (self.stiffness, self.tangential);
+        self.reach(indenter, pose, u);
         let mut active = std::mem::take(&mut self.active);
         active.clear();
         let mut samples = std::mem::take(&mut self.samples);
@@ -338,6 +314,7 @@ impl Contacts {
         let [hx, hy] = indenter.half_extent_mm();
         let along = (to.x_mm - from.x_mm).hypot(to.y_mm - from.y_mm);
         self.latest = if from.z_mm - to.z_mm > along { 0.0 } else { 1.0 };
+        self.keep_within_reach(indenter, [from, to], u);
         let mut samples = std::mem::take(&mut self.samples);
         for s in &mut samples {
             s.old_u = self.value(u, s.cell, s.sub);
@@ -373,13 +350,8 @@ impl Contacts {
     /// Forgets all contact.
     pub fn clear(&mut self) {
         self.active.clear();
-        for s in &mut self.samples {
-            s.multiplier = 0.0;
-            s.loaded = false;
-            s.anchor = None;
-            s.pressure = 0.0;
-            s.gap = f64::INFINITY;
-        }
+        self.samples.clear();
+        self.window = Window::default();
     }
 
     /// Sum of contact forces on the pad, N, and their torque about z through the pose, N mm.
@@ -397,8 +369,8 @@ impl Contacts {
     pub fn penetration_between(&self, indenter: &dyn Indenter, pose: &Pose, u: &[f32]) -> f64 {
         let (mut sum, mut n) = (0.0, 0);
         let corners = [[1.0, 0.0], [0.0, 1.0]].map(|[a, b]: [f64; 2]| [0.5 * a, 0.5, 0.5 * b]);
-        let half = self.area.sqrt() * self.per_axis as f64 / 2.0;
-        let count = self.per_axis * self.per_axis;
+        let half = self.lattice.area_mm2.sqrt() * self.lattice.per_axis as f64 / 2.0;
+        let count = self.lattice.per_cell();
         for cell in self.samples.chunks(count).filter(|cell| cell.iter().any(|s| s.pressure > 0.0)) {
             let s = &cell[0];
             let middle = cell.iter().map(|s| s.rest).sum::<DVec3>() / count as f64;
@@ -406,7 +378,7 @@ impl Contacts {
                 for (y, wy) in corners.iter().enumerate() {
                     let side = |k: usize| if k == 0 { -half } else { half };
                     let mut p = middle + DVec3::new(side(x), side(y), 0.0);
-                    if let Some(chart) = &self.chart {
+                    if let Some(chart) = &self.lattice.chart {
                         p.z = chart.height_mm(p.x, p.y);
                     }
                     let mut moved = [0.0; 3];
@@ -429,10 +401,9 @@ impl Contacts {
 
     /// Part of the loaded cells that lie at the rim of the contact: 1 where it is nowhere wider than two cells.
     pub fn rim_part(&self) -> f64 {
-        let count = self.per_axis * self.per_axis;
-        let loaded: Vec<bool> =
-            self.samples.chunks(count).map(|cell| cell.iter().any(|s| s.pressure > 0.0)).collect();
-        let nx = self.cx - 2;
+        let cells = self.samples.chunks(self.lattice.per_cell());
+        let loaded: Vec<bool> = cells.map(|cell| cell.iter().any(|s| s.pressure > 0.0)).collect();
+        let nx = self.window.width();
         let (mut rim, mut all) = (0, 0);
         for n in (0..loaded.len()).filter(|n| loaded[*n]) {
             let within = (1..nx - 1).contains(&(n % nx)) && (nx..loaded.len() - nx).contains(&n);
@@ -445,14 +416,14 @@ impl Contacts {
 
     /// How far the indenter reaches below the face at rest, mm: on a flat one, the depth of its pose.
     pub fn depth_mm(&self, indenter: &dyn Indenter, pose: &Pose) -> f64 {
-        if self.chart.is_none() {
+        if self.lattice.chart.is_none() {
             return pose.depth_mm();
         }
-        let below = |s: &Sample| {
-            let p = pose.to_indenter(s.rest);
+        let below = |rest: DVec3| {
+            let p = pose.to_indenter(rest);
             indenter.lower_surface(p.x, p.y).map_or(0.0, |lower| p.z - lower)
         };
-        self.samples.iter().map(below).fold(0.0, f64::max)
+        self.lattice.under(indenter, pose).map(below).fold(0.0, f64::max)
     }
 
     /// Rest positions of the points that carry pressure.

@@ -18,7 +18,7 @@ use crate::indenter::Indenter;
 use crate::pose::Pose;
 use glam::Vec3;
 use rayon::prelude::*;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Solves per increment between which multipliers, anchors and bounds are brought up to date.
 const MOST_ROUNDS: u32 = 40;
@@ -70,6 +70,10 @@ const GUESS_ROUNDS: u32 = 5;
 const GUESS_NEWTON: u32 = 10;
 /// Least volume ratio of a guess.
 const GUESS_VOLUME: f32 = 0.1;
+/// A step further down, over the depth reached, up to which the solution linearised there is a better guess than a coarser
+/// grid's. Found by experiment, a sphere and a punch at 0.25 to 1.2 mm: steps of a tenth of the depth take two thirds of the
+/// time, those of a third of it half as much again.
+const PRESSES_ON: f64 = 0.15;
 /// Longest way along the face in one increment with friction, mm.
 const LONGEST_SLIDE_MM: f64 = 0.25;
 /// Largest turn in one increment, degrees.
@@ -124,6 +128,8 @@ pub struct Equilibrium {
     penetration_mm: f64,
     /// Part of the friction that was still changing after the last solve.
     unsettled: f64,
+    /// The error it states, once it was asked for.
+    stated: OnceLock<Option<f64>>,
 }
 
 impl Level {
@@ -167,6 +173,7 @@ impl Level {
                 outcome: None,
                 penetration_mm: 0.0,
                 unsettled: 0.0,
+                stated: OnceLock::new(),
             },
             newton: Newton::default(),
         }
@@ -246,11 +253,12 @@ impl Level {
         at.u.fill(0.0);
         (at.at_rest, at.last, at.outcome, at.pose) = (true, None, None, *pose);
         at.straight_down = true;
+        at.stated = OnceLock::new();
     }
 
     /// Whether the indenter at `pose` would be clear of the face at rest.
     pub fn is_clear(&self, indenter: &dyn Indenter, pose: &Pose) -> bool {
-        self.at.contacts.least_gap(indenter, pose, None) >= 0.0
+        self.at.contacts.least_gap(indenter, pose) >= 0.0
     }
 
     /// Where a way straight down from rest first touches, as a part of it; 0 for any other way.
@@ -268,6 +276,15 @@ impl Level {
         let way = way_between(&self.at.pose, pose);
         let level = way[2].abs() <= 0.1 * way[0].hypot(way[1]).hypot(way[3]);
         level && self.at.last.as_ref().is_some_and(|(_, last)| along(&way, last).is_some())
+    }
+
+    /// Whether the way to `pose` goes on straight down as the last one did, and not far.
+    pub fn presses_on_to(&self, indenter: &dyn Indenter, pose: &Pose) -> bool {
+        let way = way_between(&self.at.pose, pose);
+        let depth_mm = self.at.contacts.depth_mm(indenter, &self.at.pose);
+        let down =
+            Pose { z_mm: self.at.pose.z_mm, ..*pose } == self.at.pose && -way[2] <= PRESSES_ON * depth_mm;
+        down && self.at.last.as_ref().is_some_and(|(_, last)| along(&way, last).is_some())
     }
 
     /// One increment to `pose`; the state is unchanged when it fails. `hint` is the change of displacement
@@ -288,6 +305,7 @@ impl Level {
             return Ok(());
         }
         let saved = self.at.clone();
+        self.at.stated = OnceLock::new();
         self.at.contacts.begin_increment(indenter, &saved.pose, pose, &saved.u);
         let machine = Arc::clone(&self.machine);
         let problem = Problem { machine: &machine, indenter, pose, least_force: self.least_force };
@@ -434,6 +452,10 @@ impl Level {
     /// points: the penetration found there, the residual, and the symmetry that was lost. Calibrated against finite elements. A body that the
     /// sample points have missed altogether is seen by [`probe`].
     pub fn estimated_error(&self, indenter: &dyn Indenter) -> Option<f64> {
+        *self.at.stated.get_or_init(|| self.find_error(indenter))
+    }
+
+    fn find_error(&self, indenter: &dyn Indenter) -> Option<f64> {
         let depth = self.at.contacts.depth_mm(indenter, &self.at.pose);
         if depth <= 0.0 && self.chart.is_none() {
             return None;

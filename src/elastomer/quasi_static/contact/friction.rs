@@ -103,7 +103,7 @@ impl Contacts {
         let mut samples = std::mem::take(&mut self.samples);
         let met = |s: &Sample| s.entry.filter(|_| s.pressure > 0.0).map_or(0.0, |e| e.fraction);
         self.latest = samples.iter().map(met).fold(self.latest, f64::max);
-        let count = self.per_axis * self.per_axis;
+        let count = self.lattice.per_cell();
         for cell in samples.chunks_mut(count) {
             let mean = cell.iter().map(|s| s.pressure).sum::<f64>() / count as f64;
             out.violation_mm = out.violation_mm.max((mean - cell[0].multiplier).abs() / self.stiffness);

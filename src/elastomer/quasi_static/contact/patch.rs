@@ -10,12 +10,10 @@ impl Contacts {
         let (sum, loaded_area, n) =
             loaded.fold((0.0, 0.0, 0), |(sum, area, n), s| (sum + s.pressure, area + s.area, n + 1));
         let mean = sum / f64::from(n.max(1));
-        let per_axis = self.per_axis;
-        let cells = [self.cx - 2, self.plane / self.cx - 2];
-        let (nx, ny) = (cells[0] * per_axis, cells[1] * per_axis);
+        let [nx, ny] = self.lattice.points();
         let mut sign = vec![-OUTSIDE; nx * ny];
         for s in self.samples.iter().filter(|_| mean > 0.0) {
-            let (i, j) = (s.cell[0] * per_axis + s.sub % per_axis, s.cell[1] * per_axis + s.sub / per_axis);
+            let [i, j] = self.lattice.place(s.cell, s.sub);
             sign[j * nx + i] = ((s.multiplier - self.stiffness * s.gap) / mean).clamp(-OUTSIDE, 1.0);
         }
         let mean_area = loaded_area / f64::from(n.max(1));
@@ -26,12 +24,11 @@ impl Contacts {
 impl Contacts {
     /// What presses along z.
     pub fn loads(&self) -> Loads {
-        let per_axis = self.per_axis;
-        let size = [(self.cx - 2) * per_axis, (self.plane / self.cx - 2) * per_axis];
+        let size = self.lattice.points();
         let mut pressure = vec![0.0; size[0] * size[1]];
         for a in &self.active {
-            let (i, j) = (a.cell[0] * per_axis + a.sub % per_axis, a.cell[1] * per_axis + a.sub / per_axis);
-            pressure[j * size[0] + i] = -a.force.z / self.area;
+            let [i, j] = self.lattice.place(a.cell, a.sub);
+            pressure[j * size[0] + i] = -a.force.z / self.lattice.area_mm2;
         }
         Loads { size, pressure }
     }
