@@ -167,12 +167,17 @@ fn show(report: &Report) {
     screen::result("\nWhat skipping saves (processor time)");
     for s in &report.skips {
         screen::result(format_args!(
-            "  {:<42} {:8.4} s instead of {:8.4} s, {:.1} times: {}",
+            "  {:<42} {:8.4} s instead of {:8.4} s, {:.1} times: {}{}",
             s.skip,
             s.with_s,
             s.without_s,
             s.factor(),
-            s.work
+            s.work,
+            s.apart_and_stated.map_or(String::new(), |[apart, stated]| format!(
+                "; faces {:.2} % of the depth apart, {:.2} % stated",
+                100.0 * apart,
+                100.0 * stated
+            ))
         ));
     }
 }

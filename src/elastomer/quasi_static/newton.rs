@@ -22,6 +22,11 @@ const LOOSEST: f64 = 0.1;
 /// Tangent applications in one Newton iteration.
 const MOST_PASSES: u32 = 150;
 
+/// Numbers of a field that one thread goes over at a time.
+const RUN: usize = 16384;
+/// Numbers that one thread has gone over before another has begun.
+const SHORT: usize = 4 * RUN;
+
 /// The parts of a solver that do not change.
 #[derive(Debug)]
 pub struct Machine {
@@ -253,7 +258,7 @@ impl Newton {
             }
             let beta = (next / rz) as f32;
             rz = next;
-            self.p.par_iter_mut().zip(&self.z).with_min_len(8192).for_each(|(p, z)| *p = z + beta * *p);
+            in_runs(&mut self.p, &self.z, |p, z| *p = z + beta * *p);
         }
     }
 
@@ -377,10 +382,23 @@ pub fn dot(a: &[f32], b: &[f32]) -> f64 {
             })
             .sum()
     };
-    let parts: Vec<f64> = a.par_chunks(16384).zip(b.par_chunks(16384)).map(chunk).collect();
+    if a.len() <= SHORT {
+        return a.chunks(RUN).zip(b.chunks(RUN)).map(chunk).sum();
+    }
+    let parts: Vec<f64> = a.par_chunks(RUN).zip(b.par_chunks(RUN)).map(chunk).collect();
     parts.iter().sum()
 }
 
 fn add_scaled(y: &mut [f32], x: &[f32], a: f32) {
-    y.par_iter_mut().zip(x).with_min_len(8192).for_each(|(y, x)| *y += a * x);
+    in_runs(y, x, |y, x| *y += a * x);
+}
+
+/// Does something to every number of a field, with that of another.
+fn in_runs(y: &mut [f32], x: &[f32], change: impl Fn(&mut f32, &f32) + Sync) {
+    let run = |(y, x): (&mut [f32], &[f32])| y.iter_mut().zip(x).for_each(|(y, x)| change(y, x));
+    if y.len() <= SHORT {
+        run((y, x));
+    } else {
+        y.par_chunks_mut(RUN).zip(x.par_chunks(RUN)).for_each(run);
+    }
 }

@@ -167,10 +167,11 @@ fn error_csv(report: &Report) -> String {
 }
 
 fn skips_csv(report: &Report) -> String {
-    let mut text = String::from("skip,work,with_cpu_s,without_cpu_s,factor\n");
+    let mut text = String::from("skip,work,with_cpu_s,without_cpu_s,factor,surface_apart,stated\n");
     for s in &report.skips {
         let (skip, work, factor) = (quoted(s.skip), quoted(s.work), s.factor());
-        text += &format!("{skip},{work},{:.5},{:.5},{factor:.2}\n", s.with_s, s.without_s);
+        let [apart, stated] = [0, 1].map(|n| optional(s.apart_and_stated.map(|pair| pair[n])));
+        text += &format!("{skip},{work},{:.5},{:.5},{factor:.2},{apart},{stated}\n", s.with_s, s.without_s);
     }
     text
 }

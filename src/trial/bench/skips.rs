@@ -5,10 +5,13 @@
 
 use super::timing::once;
 use super::{Effort, Stage};
-use crate::elastomer::{self, Elastomer, Error, Friction, Law, Mode, Settings};
+use crate::elastomer::quasi_static::{QuasiStaticSolver, Resolution};
+use crate::elastomer::{self, Elastomer, ElastomerCapture, Error, Friction, Law, Mode, Settings};
+use crate::indenter::Indenter;
 use crate::pose::Pose;
 use crate::trial::scene;
 use serde::Serialize;
+use std::sync::Arc;
 
 /// Effect of one skip.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -21,6 +24,9 @@ pub struct Skip {
     pub with_s: f64,
     /// Without it, s.
     pub without_s: f64,
+    /// Root mean square of what the skip changes in the heights of the face, relative to depth, and the error it states; absent where
+    /// it cannot change anything.
+    pub apart_and_stated: Option<[f64; 2]>,
 }
 
 impl Skip {
@@ -30,11 +36,19 @@ impl Skip {
     }
 }
 
-/// Tolerance and repeats to the least processor times with and without the skip.
-type Measure = fn(f64, usize) -> Result<[f64; 2], Error>;
+/// Processor times with and without a skip, and [`Skip::apart_and_stated`].
+type Effect = ([f64; 2], Option<[f64; 2]>);
+
+/// Tolerance and repeats to the least processor times with and without the skip, and what it changes.
+type Measure = fn(f64, usize) -> Result<Effect, Error>;
+
+/// Depth of the presses whose faces are compared, mm.
+const DEPTH_MM: f64 = 0.5;
+/// Points of those faces along each side.
+const SURFACE: usize = 201;
 
 /// Name of the skip, the work that is measured, and how.
-const ROWS: [(&str, &str, Measure); 5] = [
+const ROWS: [(&str, &str, Measure); 7] = [
     (
         "nothing is solved before first touch",
         "0.4 mm of travel in the air against as much in a contact of 0.1 mm",
@@ -52,6 +66,16 @@ const ROWS: [(&str, &str, Measure); 5] = [
     ),
     ("no tangential unknowns without friction", "a press of 0.5 mm, friction 0 against 0.5", no_friction),
     (
+        "cells grow away from the face",
+        "a press of 0.5 mm, each cell 1.4 times as high as the one above it, against all as high as the first",
+        coarse_below,
+    ),
+    (
+        "fine where it is pressed alone",
+        "a sharp punch pressed 0.5 mm, in relief over the usual cells, against cells half as wide everywhere",
+        fine_where_pressed,
+    ),
+    (
         "no explicit step before first touch",
         "mpm, 51x51x11: 2 mm of travel in the air, before and after a touch",
         explicit_before_touch,
@@ -67,8 +91,8 @@ pub(super) fn plan(effort: Effort, stages: &mut Vec<Stage>) {
     };
     for (skip, work, measure) in ROWS {
         let stage = move |report: &mut super::Report| {
-            let [with_s, without_s] = measure(tolerance, repeats)?;
-            report.skips.push(Skip { skip, work, with_s, without_s });
+            let ([with_s, without_s], apart_and_stated) = measure(tolerance, repeats)?;
+            report.skips.push(Skip { skip, work, with_s, without_s, apart_and_stated });
             Ok(())
         };
         stages.push((format!("skip: {skip}"), Box::new(stage)));
@@ -90,7 +114,7 @@ fn compare(
     repeats: usize,
     mut with: impl FnMut() -> Result<(), Error>,
     mut without: impl FnMut() -> Result<(), Error>,
-) -> Result<[f64; 2], Error> {
+) -> Result<Effect, Error> {
     let mut least = [f64::INFINITY; 2];
     for _ in 0..repeats {
         let (done, [_, cpu]) = once(&mut with);
@@ -100,10 +124,10 @@ fn compare(
         done?;
         least[1] = least[1].min(cpu);
     }
-    Ok(least)
+    Ok((least, None))
 }
 
-fn before_first_touch(tolerance: f64, repeats: usize) -> Result<[f64; 2], Error> {
+fn before_first_touch(tolerance: f64, repeats: usize) -> Result<Effect, Error> {
     let base = solver(Friction::Infinite, tolerance)?;
     let travel = |height: f64| {
         let mut state = base.fork();
@@ -113,7 +137,7 @@ fn before_first_touch(tolerance: f64, repeats: usize) -> Result<[f64; 2], Error>
     compare(repeats, || travel(0.2), || travel(-0.1))
 }
 
-fn shared_press(tolerance: f64, repeats: usize) -> Result<[f64; 2], Error> {
+fn shared_press(tolerance: f64, repeats: usize) -> Result<Effect, Error> {
     let press = || {
         let mut state = solver(Friction::Infinite, tolerance)?;
         state.advance(&at(0.0, -0.5)).map(|()| state)
@@ -133,7 +157,7 @@ fn shared_press(tolerance: f64, repeats: usize) -> Result<[f64; 2], Error> {
     )
 }
 
-fn warm_start(tolerance: f64, repeats: usize) -> Result<[f64; 2], Error> {
+fn warm_start(tolerance: f64, repeats: usize) -> Result<Effect, Error> {
     let depths = [-0.3, -0.4, -0.5, -0.6];
     compare(
         repeats,
@@ -145,12 +169,12 @@ fn warm_start(tolerance: f64, repeats: usize) -> Result<[f64; 2], Error> {
     )
 }
 
-fn no_friction(tolerance: f64, repeats: usize) -> Result<[f64; 2], Error> {
+fn no_friction(tolerance: f64, repeats: usize) -> Result<Effect, Error> {
     let press = |mu| solver(Friction::Coefficient(mu), tolerance)?.advance(&at(0.0, -0.5));
     compare(repeats, || press(0.0), || press(0.5))
 }
 
-fn explicit_before_touch(_: f64, repeats: usize) -> Result<[f64; 2], Error> {
+fn explicit_before_touch(_: f64, repeats: usize) -> Result<Effect, Error> {
     let settings = Settings { mode: Mode::Mpm, particles: [51, 51, 11], ..Settings::default() };
     let start = at(0.0, 5.0);
     let base = elastomer::solver(&scene::pad(Law::NeoHookean), &settings, scene::sphere(4.0), &start)?;
@@ -163,4 +187,46 @@ fn explicit_before_touch(_: f64, repeats: usize) -> Result<[f64; 2], Error> {
         (1..=4).try_for_each(|n| state.advance(&at(0.5 * f64::from(n), 5.0)))
     };
     compare(repeats, || travel(base.as_ref()), || travel(touched.as_ref()))
+}
+
+/// A press of 0.5 mm over cells as given, and what the face is then.
+fn pressed(
+    indenter: &Arc<dyn Indenter>,
+    tolerance: f64,
+    resolution: Resolution,
+) -> Result<ElastomerCapture, Error> {
+    let settings = scene::quasi_static(Friction::Infinite, tolerance);
+    let (pad, start) = (scene::pad(Law::NeoHookean), at(0.0, 0.1));
+    let mut solver =
+        QuasiStaticSolver::with_resolution(&pad, &settings, resolution, Arc::clone(indenter), &start)?;
+    solver.advance(&at(0.0, -DEPTH_MM))?;
+    solver.capture(SURFACE, SURFACE)
+}
+
+/// The same press over two resolutions, the first of which is the one with the skip.
+fn two_resolutions(
+    indenter: &Arc<dyn Indenter>,
+    tolerance: f64,
+    repeats: usize,
+    resolutions: [Resolution; 2],
+) -> Result<Effect, Error> {
+    let [with, without] = resolutions.map(|resolution| pressed(indenter, tolerance, resolution));
+    let (with, without) = (with?, without?);
+    let everywhere = f64::INFINITY;
+    let [apart_um, _] = scene::height_difference_um(&with.surface, &without.surface, everywhere, everywhere);
+    let press = |resolution| pressed(indenter, tolerance, resolution).map(|_| ());
+    let (times, _) = compare(repeats, || press(resolutions[0]), || press(resolutions[1]))?;
+    let stated = with.stats.estimated_error.unwrap_or(0.0);
+    Ok((times, Some([1e-3 * apart_um / DEPTH_MM, stated])))
+}
+
+fn coarse_below(tolerance: f64, repeats: usize) -> Result<Effect, Error> {
+    let usual = Resolution::for_tolerance(tolerance);
+    two_resolutions(&scene::sphere(4.0), tolerance, repeats, [usual, Resolution { growth: 1.0, ..usual }])
+}
+
+fn fine_where_pressed(tolerance: f64, repeats: usize) -> Result<Effect, Error> {
+    let usual = Resolution::for_tolerance(tolerance);
+    let finer = Resolution { cell_mm: usual.cell_mm / 2.0, ..usual };
+    two_resolutions(&scene::punch(5.4, 0.0), tolerance, repeats, [usual, finer])
 }
