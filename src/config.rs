@@ -33,6 +33,7 @@ pub mod sensor;
 mod sensor_file;
 mod suggest;
 pub mod tree;
+mod unused;
 
 pub use check_report::CheckReport;
 pub use indenter_file::shipped_indenters;

@@ -253,6 +253,46 @@ fn a_tool_that_may_go_where_its_arm_cannot_is_warned_of() {
 }
 
 #[test]
+fn a_file_may_hold_the_settings_of_two_modes_for_an_override_to_choose_from() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mine.toml");
+    let load = |text: &str, sets: &[&str]| {
+        let shipped = std::fs::read_to_string(rig("virtual")).unwrap();
+        std::fs::write(&path, shipped.replacen("[elastomer]\n", &format!("[elastomer]\n{text}\n"), 1))
+            .unwrap();
+        let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
+        config::load(&path, Some(&plan("small")), &sets)
+    };
+    let own = load("tolerance = 0.02", &[]).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(own.warnings, Vec::<String>::new());
+    // What the override leaves idle is told, by `check`, too.
+    let other = load("tolerance = 0.02", &["elastomer.mode=impm"]).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(other.warnings.len(), 1);
+    for words in
+        ["elastomer.tolerance = 0.02", "mine.toml:79", "--set elastomer.mode=impm", "\"quasi_static\""]
+    {
+        assert!(other.warnings[0].contains(words), "{words} is missing: {}", other.warnings[0]);
+    }
+    assert_eq!(config::CheckReport::new(&other).warnings, other.warnings);
+    // What the command line gives is for this run: it is refused, in part of a list, too.
+    let particles = "particles = [101, 101, 21]";
+    for sets in [
+        &["elastomer.mode=impm", "elastomer.tolerance=0.02"][..],
+        &["elastomer.mode=quasi_static", "elastomer.particles[0]=11"],
+    ] {
+        let said = load(particles, sets).unwrap_err().to_string();
+        assert!(said.starts_with("1 problem") && said.contains("(unused with elastomer.mode"), "{said}");
+    }
+    // And so is what a file gives beside its own mode, but once.
+    let said = load(particles, &[]).unwrap_err().to_string();
+    assert!(said.contains("mine.toml:79: elastomer.particles = [101, 101, 21] (unused with"), "{said}");
+    let said = load("particles = [101, 101, 1]", &[]).unwrap_err().to_string();
+    assert!(said.starts_with("1 problem") && said.contains("3 to 4001 particles"), "{said}");
+    // Lights traced by the fast mode where it falls back have samples and a seed.
+    load("", &["optics.samples=9", "optics.seed=2"]).unwrap_or_else(|e| panic!("{e}"));
+}
+
+#[test]
 fn one_mistake_in_the_pressing_axis_is_one_finding() {
     for (rig_name, mistake) in [
         ("virtual", "devices.arm.axes.z.max_feed=-1.0"),

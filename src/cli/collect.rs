@@ -71,6 +71,7 @@ impl Args {
         if self.dry_run {
             return super::dry_run::show(&setup, self.json);
         }
+        setup.warnings.iter().for_each(screen::warning);
         let stop = StopSwitch::new();
         let signals = match Signals::listen(stop.clone()) {
             Ok(signals) => signals,

@@ -68,6 +68,7 @@ impl Args {
                     return Exit::Refused;
                 }
             };
+        setup.warnings.iter().for_each(screen::warning);
         let stop = StopSwitch::new();
         let signals = match Signals::listen(stop.clone()) {
             Ok(signals) => signals,

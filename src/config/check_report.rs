@@ -144,7 +144,9 @@ impl CheckReport {
                 .map(|s| FileReport { path: s.path.clone(), blake3: s.blake3.clone() })
                 .collect(),
             sets: setup.sets.clone(),
-            warnings: rig.devices.iter().filter_map(|(name, device)| beyond_reach(name, device)).collect(),
+            warnings: (rig.devices.iter().filter_map(|(name, device)| beyond_reach(name, device)))
+                .chain(setup.warnings.iter().cloned())
+                .collect(),
         }
     }
 }

@@ -119,6 +119,11 @@ impl Document {
         }
     }
 
+    /// What was written at a key of this file or put there by an override; nothing where that was left out.
+    pub fn written(&self, key: &str) -> Option<&Node> {
+        self.tree.at(&Path::parse(key)?)
+    }
+
     /// The line of a key of this file, or of the nearest table around it.
     pub fn line_of(&self, key: &str) -> Option<usize> {
         match self.tree.origin_of(&Path::parse(key)?) {

@@ -9,6 +9,7 @@ use super::report::{COMMAND_LINE, ConfigError, Finding};
 use super::rig::{ANY_SENSOR, RigConfig, RigFile};
 use super::sensor::{SensorConfig, SensorFile};
 use super::tree::Origin;
+use super::unused;
 use crate::device::camera::settings::CameraSource;
 use crate::indenter::spec::Shape;
 use crate::indenter::{self, Indenter, IndenterSpec};
@@ -36,6 +37,8 @@ pub struct Setup {
     pub sources: Vec<SourceFile>,
     /// The overrides, as they were given.
     pub sets: Vec<String>,
+    /// What passes, though whoever wrote it may expect more of it.
+    pub warnings: Vec<String>,
 }
 
 /// A plan that may be performed on the rig.
@@ -128,6 +131,10 @@ impl Loader {
 
         let rig_read =
             rig_document.as_ref().and_then(|d| d.read(|file: &RigFile, p| file.check(p), &mut self.findings));
+        let warnings = match (&rig_document, &rig_read) {
+            (Some(document), Some(rig)) => unused::look(document, rig, &mut self.findings),
+            _ => Vec::new(),
+        };
         let plan_read = plan_document
             .as_ref()
             .and_then(|d| d.read(|file: &PlanFile, p| file.check(p), &mut self.findings));
@@ -183,6 +190,7 @@ impl Loader {
             plan,
             sources: std::mem::take(&mut self.sources),
             sets: sets.to_vec(),
+            warnings,
         })
     }
 

@@ -80,6 +80,16 @@ pub enum OpticsMode {
     Fast,
 }
 
+impl OpticsMode {
+    /// The word that a rig file has for it.
+    pub fn name(self) -> &'static str {
+        match self {
+            OpticsMode::Reference => "reference",
+            OpticsMode::Fast => "fast",
+        }
+    }
+}
+
 /// What the twin follows, and on how many cores.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]

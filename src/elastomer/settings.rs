@@ -15,6 +15,32 @@ pub enum Mode {
     QuasiStatic,
 }
 
+impl Mode {
+    /// The word that a rig file has for it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Mode::Mpm => "mpm",
+            Mode::Impm => "impm",
+            Mode::QuasiStatic => "quasi_static",
+        }
+    }
+}
+
+/// The keys of [`Settings`] that not every mode uses, each with the modes that do.
+pub const OF_SOME_MODES: [(&str, &[Mode]); 9] = [
+    ("tolerance", &[Mode::QuasiStatic]),
+    ("particles", EXPLICIT),
+    ("dx_mm", EXPLICIT),
+    ("dt_s", EXPLICIT),
+    ("speed_mm_s", EXPLICIT),
+    ("rest_threshold", &[Mode::Impm]),
+    ("rest_limit", &[Mode::Impm]),
+    ("rest_floor_mm_s", &[Mode::Impm]),
+    ("base", EXPLICIT),
+];
+/// See [`OF_SOME_MODES`].
+const EXPLICIT: &[Mode] = &[Mode::Impm, Mode::Mpm];
+
 /// Friction between indenter and pad: a coefficient, or the word `"infinite"`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Friction {
@@ -148,6 +174,22 @@ impl Default for Settings {
             rest_floor_mm_s: 1.0,
             base: Base::BondedLayers,
             surface: [401, 401],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_of_some_modes_are_keys_and_modes_are_called_as_files_call_them() {
+        let all = serde_json::to_value(Settings::default()).expect("plain values");
+        for (key, modes) in OF_SOME_MODES {
+            assert!(all.get(key).is_some() && !modes.is_empty(), "{key}");
+        }
+        for mode in [Mode::Mpm, Mode::Impm, Mode::QuasiStatic] {
+            assert_eq!(serde_json::to_value(mode).expect("a word"), mode.name());
         }
     }
 }
