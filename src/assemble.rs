@@ -4,7 +4,6 @@
 //! below takes small parameters; everything above takes what is assembled here.
 
 pub mod bench;
-pub mod cache;
 pub mod records;
 pub mod twin;
 
@@ -12,4 +11,4 @@ pub use bench::{
     Assembled, BenchError, BenchOptions, bench, camera_alone, can_run_at, movers_alone, stop_ports,
 };
 pub use records::{ProvenanceError, provenance, run_notes, session_note, session_settings};
-pub use twin::{TwinError, twin};
+pub use twin::{TwinError, optics_store, twin};

@@ -14,6 +14,7 @@ pub mod stl;
 
 pub use spec::IndenterSpec;
 
+use crate::cache::Store;
 use crate::problem::{Problem, Problems};
 use glam::{DVec2, DVec3};
 use solid::Solid;
@@ -101,6 +102,19 @@ pub fn from_spec(
     spec: &IndenterSpec,
     edge_round_mm: Option<f64>,
 ) -> Result<Arc<dyn Indenter>, Error> {
+    from_spec_or_store(name, spec, edge_round_mm, None)
+}
+
+/// As [`from_spec`], with a folder ([`stl::kept::KIND`]) that remembers large meshes between runs.
+///
+/// # Errors
+/// As [`from_spec`].
+pub fn from_spec_or_store(
+    name: &str,
+    spec: &IndenterSpec,
+    edge_round_mm: Option<f64>,
+    store: Option<&Store>,
+) -> Result<Arc<dyn Indenter>, Error> {
     let mut spec = spec.clone();
     spec.edge_round_mm = edge_round_mm.unwrap_or(spec.edge_round_mm);
     let mut problems = Problems::new();
@@ -112,7 +126,7 @@ pub fn from_spec(
         if spec.edge_round_mm > 0.0 {
             return Err(Error::RoundOnMesh { name: name.to_owned(), edge_round_mm: spec.edge_round_mm });
         }
-        let mesh = stl::load(name, path, *unit, *tip, *centre);
+        let mesh = stl::load(name, path, *unit, *tip, *centre, store);
         return Ok(Arc::new(mesh.map_err(|source| Error::Stl { name: name.to_owned(), source })?));
     }
     let solid = build::solid(&spec, spec.edge_round_mm).map_err(|e| Error::RoundTooLarge {

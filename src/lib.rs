@@ -25,7 +25,7 @@
 //!
 //! | rung | modules | is |
 //! |---|---|---|
-//! | 0 | [`units`] [`clock`] [`pose`] [`frame`] [`problem`] | vocabulary |
+//! | 0 | [`units`] [`clock`] [`pose`] [`frame`] [`problem`] [`cache`] | vocabulary; what is kept between runs |
 //! | 1a | [`indenter`] [`image`] | shapes and pictures |
 //! | 1b | [`motion`] [`protocol`] [`elastomer`] [`optics`] | pure domains: no I/O, no waiting |
 //! | 2 | [`plan`] [`device`] [`dataset`] | uses of the domains |
@@ -51,7 +51,8 @@
 //! the unit is in the name. Time is `Duration` or [`clock::Timestamp`]. Errors name the thing, the value, what is
 //! allowed, and the next move; every layer has its own `thiserror` enum.
 
-// Layer 0: vocabulary.
+// Layer 0: vocabulary; what is kept between runs.
+pub mod cache;
 pub mod clock;
 pub mod frame;
 pub mod pose;

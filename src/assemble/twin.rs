@@ -1,6 +1,8 @@
 //! A twin from its configuration.
 
+use crate::cache;
 use crate::config::{OpticsMode, Setup, TwinPoses};
+use crate::optics::store::Store;
 use crate::optics::{imager::Method, reference};
 use crate::twin::{Crew, Doubts, FollowedPoses, Model, Twin, View};
 use std::collections::BTreeMap;
@@ -14,6 +16,11 @@ pub enum TwinError {
     /// The system refused threads.
     #[error("the twin's threads cannot be started: {0}; lower twin.threads")]
     Threads(#[from] rayon::ThreadPoolBuildError),
+}
+
+/// Where prepared sensors are kept, if this user keeps anything.
+pub fn optics_store() -> Option<Store> {
+    cache::folder().map(|folder| Store::new(folder.join("optics")))
 }
 
 /// The twin of a setup.
@@ -31,7 +38,7 @@ pub fn twin(setup: &Setup) -> Result<Twin, TwinError> {
         view: View {
             sensor: sensor.optics.clone(),
             method,
-            store: super::cache::optics_store(),
+            store: optics_store(),
             untouched: sensor.untouched.clone(),
         },
         follow: match rig.twin.poses {

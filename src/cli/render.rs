@@ -143,7 +143,7 @@ impl Args {
             repeat: self.repeat,
             seed: self.seed.unwrap_or(0),
             basis: self.basis.is_some(),
-            store: crate::assemble::cache::optics_store(),
+            store: crate::assemble::optics_store(),
         };
         let rendered = match self.is_of_sensor() {
             true => self.render_sensor(&self.scene, &request),

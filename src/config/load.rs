@@ -10,6 +10,7 @@ use super::rig::{ANY_SENSOR, RigConfig, RigFile};
 use super::sensor::{SensorConfig, SensorFile};
 use super::tree::Origin;
 use super::unused;
+use crate::cache::{self, Store};
 use crate::device::camera::settings::CameraSource;
 use crate::indenter::spec::Shape;
 use crate::indenter::{self, Indenter, IndenterSpec};
@@ -399,6 +400,7 @@ impl Loader {
         lookup: &Lookup,
     ) -> BTreeMap<String, IndenterConfig> {
         let mut indenters = BTreeMap::new();
+        let meshes = cache::folder().map(|f| Store::new(f.join("indenters"), &indenter::stl::kept::KIND));
         for (i, planned) in plan.value.indenters.iter().enumerate() {
             let key = format!("indenters[{i}]");
             let name_key = format!("{key}.name");
@@ -420,7 +422,7 @@ impl Loader {
                 *path = folder.join(&path);
             }
             let edge_round_mm = planned.edge_round_mm.unwrap_or(spec.edge_round_mm);
-            match indenter::from_spec(name, &spec, planned.edge_round_mm) {
+            match indenter::from_spec_or_store(name, &spec, planned.edge_round_mm, meshes.as_ref()) {
                 Ok(body) => {
                     indenters.insert(name.clone(), IndenterConfig { edge_round_mm, body });
                 }

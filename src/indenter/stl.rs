@@ -3,17 +3,21 @@
 //! Four stages: [`read`] turns the file into triangles, [`topology`] welds their corners and proves
 //! that they close up, [`mesh`] answers closest-point queries on a hierarchy of boxes, [`solidity`] proves that they bound a
 //! solid. The sign comes from angle-weighted pseudonormals (Baerentzen and Aanaes 2005), which is exact for closed meshes, so
-//! sharp features are kept: nothing is resampled. Edges of a mesh cannot be rounded.
+//! sharp features are kept: nothing is resampled. Edges of a mesh cannot be rounded. What the first two and the last stage made
+//! of a large file is [`kept`] for later runs.
 
+pub mod kept;
 pub mod mesh;
 pub mod read;
 pub mod solidity;
 pub mod topology;
 
 use super::spec::{Centre, LengthUnit, TipEnd};
+use crate::cache::Store;
 use glam::DVec3;
 use mesh::Mesh;
 use std::path::{Path, PathBuf};
+use topology::Solid;
 
 /// Smallest and largest plausible extent of an indenter, mm; outside, the unit is doubted.
 const PLAUSIBLE_MM: (f64, f64) = (0.5, 200.0);
@@ -129,37 +133,65 @@ pub enum Defect {
     },
 }
 
-/// Loads a mesh, checks that it is a closed solid, and puts its tip at z = 0 with the body towards +z.
+/// Loads a mesh, checks that it is a closed solid, and puts its tip at z = 0 with the body towards +z. What the checks of a
+/// large file made of it is kept in `store`, and taken from there when the same file is loaded again.
 ///
 /// # Errors
 /// Names the file and the defect.
-pub fn load(name: &str, path: &Path, unit: LengthUnit, tip: TipEnd, centre: Centre) -> Result<Mesh, Error> {
-    let place = || -> Result<Mesh, Defect> {
-        let triangles = read::triangles(&std::fs::read(path)?)?;
-        let mut solid = topology::close(&triangles)?;
-        let (low, high) = bounds(&solid.vertices);
-        check_size(high - low, unit)?;
-
-        // Into millimetres, tip down, tip at height 0.
-        let scale = unit.in_mm();
-        let axis = match centre {
-            Centre::Bounds => (low + high) / 2.0,
-            Centre::Origin => DVec3::ZERO,
+pub fn load(
+    name: &str,
+    path: &Path,
+    unit: LengthUnit,
+    tip: TipEnd,
+    centre: Centre,
+    store: Option<&Store>,
+) -> Result<Mesh, Error> {
+    let load = || -> Result<Mesh, Defect> {
+        let file = std::fs::read(path)?;
+        let Some(store) = store.filter(|_| file.len() >= kept::WORTH_KEEPING) else {
+            return checked(name, &file, unit, tip, centre).map(|(mesh, _)| mesh);
         };
-        for v in &mut solid.vertices {
-            *v = match tip {
-                TipEnd::MinusZ => DVec3::new(v.x - axis.x, v.y - axis.y, v.z - low.z),
-                // Half a turn about x: a proper rotation, which keeps the mesh from being mirrored.
-                TipEnd::PlusZ => DVec3::new(v.x - axis.x, axis.y - v.y, high.z - v.z),
-            } * scale;
+        let key = kept::key(&file, unit, tip, centre);
+        if let Some(solid) = store.take(&key, kept::decode) {
+            return Ok(Mesh::new(name, &solid));
         }
-        let mesh = Mesh::new(name, &solid);
-        Ok(match solidity::check(&mesh, &solid)? {
-            Some(filled) => Mesh::new(name, &filled),
-            None => mesh,
-        })
+        let (mesh, solid) = checked(name, &file, unit, tip, centre)?;
+        store.keep(&key, &kept::encode(&solid));
+        Ok(mesh)
     };
-    place().map_err(|defect| Error { path: path.to_owned(), defect })
+    load().map_err(|defect| Error { path: path.to_owned(), defect })
+}
+
+/// The solid of a file's bytes in its place, and its mesh.
+fn checked(
+    name: &str,
+    file: &[u8],
+    unit: LengthUnit,
+    tip: TipEnd,
+    centre: Centre,
+) -> Result<(Mesh, Solid), Defect> {
+    let mut solid = topology::close(&read::triangles(file)?)?;
+    let (low, high) = bounds(&solid.vertices);
+    check_size(high - low, unit)?;
+
+    // Into millimetres, tip down, tip at height 0.
+    let scale = unit.in_mm();
+    let axis = match centre {
+        Centre::Bounds => (low + high) / 2.0,
+        Centre::Origin => DVec3::ZERO,
+    };
+    for v in &mut solid.vertices {
+        *v = match tip {
+            TipEnd::MinusZ => DVec3::new(v.x - axis.x, v.y - axis.y, v.z - low.z),
+            // Half a turn about x: a proper rotation, which keeps the mesh from being mirrored.
+            TipEnd::PlusZ => DVec3::new(v.x - axis.x, axis.y - v.y, high.z - v.z),
+        } * scale;
+    }
+    let mesh = Mesh::new(name, &solid);
+    Ok(match solidity::check(&mesh, &solid)? {
+        Some(filled) => (Mesh::new(name, &filled), filled),
+        None => (mesh, solid),
+    })
 }
 
 fn bounds(points: &[DVec3]) -> (DVec3, DVec3) {

@@ -1,32 +1,24 @@
-//! Where what a sensor needs once is kept between runs: a folder of files, one a sensor.
+//! Where what a sensor needs once is kept between runs.
 //!
 //! The optics read no environment and no configuration: whoever puts the program together (`assemble`) says which
-//! folder, or none. A file is named by the hash of everything its content follows from; it carries its own sum, is written
-//! beside its place and then renamed, so a torn or altered file is noticed, told, and made anew. Failing to write is told,
-//! too, and costs nothing but the time of the next run. What was not used for longest makes room for what is new.
+//! folder, or none.
 
 use super::fast::Precomputed;
 use super::{Error, Scene};
-use std::fs::OpenOptions;
-use std::io;
-use std::path::{Path, PathBuf};
-use std::time::SystemTime;
+use crate::cache;
+use std::path::PathBuf;
 
 /// A folder of prepared sensors.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Store {
-    folder: PathBuf,
-}
+pub struct Store(cache::Store);
 
-/// Of every file.
-const MAGIC: &[u8; 16] = b"twinrig optics 1";
-/// Most that the folder holds, bytes: about forty sensors of 640 x 480 pixels.
-const MOST_BYTES: u64 = 1 << 30;
+/// Files that hold one each; about forty sensors of 640 x 480 pixels.
+const KIND: cache::Kind = cache::Kind { magic: *b"twinrig optics 1", what: "sensor", most_bytes: 1 << 30 };
 
 impl Store {
     /// In a folder, which is made when something is to be kept.
     pub fn new(folder: impl Into<PathBuf>) -> Self {
-        Self { folder: folder.into() }
+        Self(cache::Store::new(folder, &KIND))
     }
 
     /// Takes the sensor from the folder, or prepares it and keeps it; and whether it was there.
@@ -35,127 +27,12 @@ impl Store {
     /// When the scene is none for the fast mode.
     pub fn prepare(&self, untouched: &Scene) -> Result<(Precomputed, bool), Error> {
         let key = Precomputed::key(untouched);
-        let path = self.folder.join(format!("{}.bin", blake3::Hash::from(key).to_hex()));
-        match read(&path, &key) {
-            Ok(Some(content)) => match Precomputed::decode(untouched, &content)? {
-                Some(once) => {
-                    touch(&path);
-                    return Ok((once, true));
-                }
-                None => tracing::warn!("{} does not fit its sensor; it is made anew", path.display()),
-            },
-            Ok(None) => {}
-            Err(e) => tracing::warn!("{} cannot be used ({e}); it is made anew", path.display()),
+        let decoded = |content: &[u8]| Precomputed::decode(untouched, content).transpose();
+        if let Some(once) = self.0.take(&key, decoded) {
+            return once.map(|once| (once, true));
         }
         let once = Precomputed::new(untouched)?;
-        if let Err(e) = write(&path, &key, &once.encode()) {
-            tracing::warn!(
-                "the prepared sensor cannot be kept in {} ({e}); the next run prepares it again",
-                path.display()
-            );
-        }
-        prune(&self.folder, &path, MOST_BYTES);
+        self.0.keep(&key, &once.encode());
         Ok((once, false))
-    }
-}
-
-/// Marks a file as used now. Where that fails it merely seems older than it is.
-fn touch(path: &Path) {
-    if let Ok(file) = OpenOptions::new().append(true).open(path) {
-        drop(file.set_modified(SystemTime::now()));
-    }
-}
-
-/// Removes files, the oldest first, until the rest and `kept` have at most so many bytes together.
-fn prune(folder: &Path, kept: &Path, most: u64) {
-    let ours = |path: &Path| path.extension().is_some_and(|e| e == "bin" || e == "tmp");
-    let mut files: Vec<(SystemTime, u64, PathBuf)> = std::fs::read_dir(folder)
-        .into_iter()
-        .flatten()
-        .flatten()
-        .filter(|entry| ours(&entry.path()))
-        .filter_map(|entry| {
-            let about = entry.metadata().ok().filter(std::fs::Metadata::is_file)?;
-            Some((about.modified().ok()?, about.len(), entry.path()))
-        })
-        .collect();
-    files.sort();
-    let mut total: u64 = files.iter().map(|(_, bytes, _)| bytes).sum();
-    for (_, bytes, path) in files.iter().filter(|(_, _, path)| path != kept) {
-        if total <= most {
-            return;
-        }
-        match std::fs::remove_file(path) {
-            Ok(()) => total -= bytes,
-            // Another process may have made room meanwhile.
-            Err(e) => tracing::debug!("{} cannot be removed: {e}", path.display()),
-        }
-    }
-}
-
-/// The content of a file; None when there is none.
-fn read(path: &Path, key: &[u8; 32]) -> io::Result<Option<Vec<u8>>> {
-    let bytes = match std::fs::read(path) {
-        Ok(bytes) => bytes,
-        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
-        Err(e) => return Err(e),
-    };
-    let fault = |what: &str| io::Error::new(io::ErrorKind::InvalidData, what.to_owned());
-    let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| fault("it has another format"))?;
-    let rest = rest.strip_prefix(key).ok_or_else(|| fault("it belongs to another sensor"))?;
-    let (sum, content) = rest.split_at_checked(32).ok_or_else(|| fault("it is cut short"))?;
-    if blake3::hash(content).as_bytes() != sum {
-        return Err(fault("it is cut short or altered"));
-    }
-    Ok(Some(content.to_vec()))
-}
-
-/// Writes beside the place, then renames: readers see all or nothing.
-fn write(path: &Path, key: &[u8; 32], content: &[u8]) -> io::Result<()> {
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder)?;
-    }
-    let beside = path.with_extension(format!("{}.tmp", std::process::id()));
-    let mut bytes = Vec::with_capacity(80 + content.len());
-    for part in [MAGIC.as_slice(), key, blake3::hash(content).as_bytes(), content] {
-        bytes.extend_from_slice(part);
-    }
-    let written = std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, path));
-    if written.is_err() {
-        // What is left beside is of no use to anybody; that it cannot be removed either changes nothing.
-        drop(std::fs::remove_file(&beside));
-    }
-    written
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::time::Duration;
-
-    #[test]
-    fn what_was_not_used_for_longest_makes_room_and_what_is_not_ours_stays() {
-        let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        let long_ago = SystemTime::now() - Duration::from_secs(1000);
-        for (age, name) in ["a.bin", "b.bin", "c.1.tmp", "d.bin", "notes.txt"].into_iter().enumerate() {
-            std::fs::write(at(name), [0; 100]).unwrap();
-            let file = OpenOptions::new().append(true).open(at(name)).unwrap();
-            file.set_modified(long_ago + Duration::from_secs(age as u64)).unwrap();
-        }
-        let left = || {
-            let names = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name());
-            let mut names: Vec<String> = names.map(|n| n.into_string().unwrap()).collect();
-            names.sort();
-            names
-        };
-        prune(folder.path(), &at("d.bin"), 400);
-        assert_eq!(left().len(), 5);
-        touch(&at("a.bin"));
-        prune(folder.path(), &at("d.bin"), 200);
-        assert_eq!(left(), ["a.bin", "d.bin", "notes.txt"]);
-        // What was just written stays, however large.
-        prune(folder.path(), &at("d.bin"), 1);
-        assert_eq!(left(), ["d.bin", "notes.txt"]);
     }
 }

@@ -4,13 +4,16 @@
 //! nearest triangle; whether its nearest point is in the face, on an edge or at a corner decides which
 //! pseudonormal tells inside from outside.
 
-use super::topology::Solid;
+use super::topology::{self, Solid};
 use crate::indenter::Indenter;
 use glam::{DVec2, DVec3};
-use std::collections::HashMap;
+use rayon::prelude::*;
 
 /// Triangles in a leaf.
 const LEAF: usize = 4;
+
+/// Triangles that are not worth another thread.
+const ALONE: usize = 4096;
 
 /// What goes less far through a face only touches it, over the mesh's diagonal.
 const TOUCHING: f64 = 1e-6;
@@ -49,36 +52,44 @@ impl Mesh {
         let at = |i: u32| solid.vertices[i as usize];
         let face_normals: Vec<DVec3> = solid
             .triangles
-            .iter()
+            .par_iter()
             .map(|t| (at(t[1]) - at(t[0])).cross(at(t[2]) - at(t[0])).normalize_or_zero())
             .collect();
 
         // Angle-weighted at corners, plain sums at edges.
         let mut at_vertex = vec![DVec3::ZERO; solid.vertices.len()];
-        let mut at_edge: HashMap<(u32, u32), DVec3> = HashMap::new();
         for (t, &n) in solid.triangles.iter().zip(&face_normals) {
             for k in 0..3 {
                 let (a, b, c) = (t[k], t[(k + 1) % 3], t[(k + 2) % 3]);
                 at_vertex[a as usize] += n * (at(b) - at(a)).angle_between(at(c) - at(a));
-                *at_edge.entry((a.min(b), a.max(b))).or_default() += n;
             }
         }
-        let edge = |a: u32, b: u32| at_edge[&(a.min(b), a.max(b))];
-        let mut triangles: Vec<Triangle> = solid
-            .triangles
-            .iter()
-            .zip(&face_normals)
-            .map(|(t, &face)| Triangle {
+        let mut at_side = vec![[DVec3::ZERO; 3]; face_normals.len()];
+        for edge in topology::sides(&solid.triangles).chunk_by(|a, b| a.0 == b.0) {
+            let sum: DVec3 = edge.iter().map(|(_, side)| face_normals[*side as usize / 3]).sum();
+            edge.iter().for_each(|(_, side)| at_side[*side as usize / 3][*side as usize % 3] = sum);
+        }
+
+        // The hierarchy is built over something smaller than triangles, which then follow its order.
+        let placed =
+            |(k, t): (usize, &[u32; 3])| Placed { middle: t.map(at).iter().sum(), triangle: k as u32 };
+        let mut order: Vec<Placed> = solid.triangles.par_iter().enumerate().map(placed).collect();
+        split(&mut order);
+        let triangle = |placed: &Placed| {
+            let k = placed.triangle as usize;
+            let t = solid.triangles[k];
+            Triangle {
                 corners: t.map(at),
-                face,
-                edges: [edge(t[0], t[1]), edge(t[1], t[2]), edge(t[2], t[0])],
+                face: face_normals[k],
+                edges: at_side[k],
                 vertices: t.map(|i| at_vertex[i as usize]),
-            })
-            .collect();
+            }
+        };
+        let triangles: Vec<Triangle> = order.par_iter().map(triangle).collect();
+        let root = Node::over(&triangles, 0);
 
         let (low, high) = super::bounds(&solid.vertices);
         let reach = low.abs().max(high.abs());
-        let root = Node::build(&mut triangles, 0);
         let half_extent = DVec2::new(reach.x, reach.y);
         Mesh { name: name.to_owned(), triangles, root, half_extent, height_mm: high.z }
     }
@@ -204,26 +215,47 @@ impl Indenter for Mesh {
     }
 }
 
+/// A triangle on its way to its place in the hierarchy.
+#[derive(Clone, Copy)]
+struct Placed {
+    /// Three times its middle.
+    middle: DVec3,
+    triangle: u32,
+}
+
+/// Sorts triangles so that each half, each half of a half, and so on down to a leaf has them close together.
+fn split(placed: &mut [Placed]) {
+    if placed.len() <= LEAF {
+        return;
+    }
+    let far = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (low, high) = placed.iter().fold(far, |(l, h), p| (l.min(p.middle), h.max(p.middle)));
+    let axis = (high - low).max_position();
+    let middle = placed.len() / 2;
+    placed.select_nth_unstable_by(middle, |a, b| a.middle[axis].total_cmp(&b.middle[axis]));
+    let (left, right) = placed.split_at_mut(middle);
+    in_two(left.len(), || split(left), || split(right));
+}
+
+/// Two halves of so much work, on two threads where that pays.
+fn in_two<T: Send>(size: usize, a: impl FnOnce() -> T + Send, b: impl FnOnce() -> T + Send) -> (T, T) {
+    if size > ALONE { rayon::join(a, b) } else { (a(), b()) }
+}
+
 impl Node {
-    fn build(triangles: &mut [Triangle], start: usize) -> Node {
-        let corners = triangles.iter().flat_map(|t| t.corners);
-        let (low, high) =
-            corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+    /// The boxes over triangles that [`split`] has sorted.
+    fn over(triangles: &[Triangle], start: usize) -> Node {
         let range = start..start + triangles.len();
         if triangles.len() <= LEAF {
+            let corners = triangles.iter().flat_map(|t| t.corners);
+            let far = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+            let (low, high) = corners.fold(far, |(l, h), p| (l.min(p), h.max(p)));
             return Node { low, high, range, children: None };
         }
-        let axis = (high - low).max_position();
         let middle = triangles.len() / 2;
-        let key = |t: &Triangle| t.corners[0][axis] + t.corners[1][axis] + t.corners[2][axis];
-        triangles.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)));
-        let (left, right) = triangles.split_at_mut(middle);
-        let children = if left.len() > 4096 {
-            rayon::join(|| Self::build(left, start), || Self::build(right, start + middle))
-        } else {
-            (Self::build(left, start), Self::build(right, start + middle))
-        };
-        Node { low, high, range, children: Some(Box::new([children.0, children.1])) }
+        let (left, right) = triangles.split_at(middle);
+        let (a, b) = in_two(middle, || Self::over(left, start), || Self::over(right, start + middle));
+        Node { low: a.low.min(b.low), high: a.high.max(b.high), range, children: Some(Box::new([a, b])) }
     }
 
     fn gap_squared(&self, p: DVec3) -> f64 {

@@ -70,7 +70,7 @@ fn load_bytes(bytes: &[u8], unit: LengthUnit, tip: TipEnd) -> Result<Mesh, Defec
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("mesh.stl");
     std::fs::write(&path, bytes).unwrap();
-    load("mesh", &path, unit, tip, Centre::Bounds).map_err(|e| {
+    load("mesh", &path, unit, tip, Centre::Bounds, None).map_err(|e| {
         assert!(e.to_string().contains("mesh.stl: "));
         e.defect
     })
@@ -179,7 +179,7 @@ fn every_defect_is_named() {
     assert!(message(load_bytes(&[0xff; 300], mm, TipEnd::MinusZ)).contains("is not an STL file"));
     assert!(message(load_bytes(b"solid x\nvertex 1 2 nonsense\n", mm, TipEnd::MinusZ)).contains("line 2"));
 
-    let missing = load("mesh", Path::new("/nonexistent/a.stl"), mm, TipEnd::MinusZ, Centre::Bounds);
+    let missing = load("mesh", Path::new("/nonexistent/a.stl"), mm, TipEnd::MinusZ, Centre::Bounds, None);
     assert!(missing.map(|_| ()).unwrap_err().to_string().contains("cannot be read"));
 }
 
@@ -241,4 +241,77 @@ fn a_spec_names_a_mesh_relative_to_its_file_and_refuses_to_round_it() {
     assert!((cube.distance(DVec3::new(0.0, 0.0, -1.0)) - 1.0).abs() < 1e-9);
     let error = indenter::from_spec("cube", &spec, Some(0.3)).unwrap_err().to_string();
     assert!(error.contains("edges of a mesh cannot be rounded"), "{error}");
+}
+
+#[test]
+fn a_large_mesh_is_checked_once_and_comes_back_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, kept) = (folder.path().join("ring.stl"), folder.path().join("kept"));
+    let store = Store::new(&kept, &kept::KIND);
+    let load = |tip| load("ring", &path, LengthUnit::Millimetre, tip, Centre::Bounds, Some(&store)).unwrap();
+    let files = || std::fs::read_dir(&kept).map_or(0, Iterator::count);
+    let places =
+        (0..40).map(|k| DVec3::new(0.1 * f64::from(k), 0.07 * f64::from(k) - 1.0, 0.05 * f64::from(k)));
+    let places: Vec<DVec3> = places.collect();
+    let distances = |mesh: &Mesh| places.iter().map(|p| mesh.distance(*p).to_bits()).collect::<Vec<_>>();
+
+    // A small one is not worth a file.
+    std::fs::write(&path, binary(&torus(60, 40))).unwrap();
+    load(TipEnd::MinusZ);
+    assert_eq!(files(), 0);
+
+    let bytes = binary(&torus(150, 71));
+    assert!(bytes.len() >= kept::WORTH_KEEPING);
+    std::fs::write(&path, &bytes).unwrap();
+    let first = load(TipEnd::MinusZ);
+    assert_eq!(files(), 1);
+    assert_eq!(distances(&load(TipEnd::MinusZ)), distances(&first));
+    // Turned over it is another solid.
+    load(TipEnd::PlusZ);
+    assert_eq!(files(), 2);
+
+    // What is kept is what is used, as long as it is whole.
+    let key = kept::key(&bytes, LengthUnit::Millimetre, TipEnd::MinusZ, Centre::Bounds);
+    let cube = topology::close(&cuboid(DVec3::ZERO, DVec3::splat(4.0))).unwrap();
+    store.keep(&key, &kept::encode(&cube));
+    assert_eq!(load(TipEnd::MinusZ).height_mm(), 4.0);
+    let file = kept.join(format!("{}.bin", blake3::Hash::from(key).to_hex()));
+    let mut torn = std::fs::read(&file).unwrap();
+    torn[120] ^= 1;
+    std::fs::write(&file, torn).unwrap();
+    assert_eq!(distances(&load(TipEnd::MinusZ)), distances(&first));
+    // And the torn file was made anew.
+    assert_eq!(store.take(&key, kept::decode).unwrap().triangles.len(), 150 * 71 * 2);
+}
+
+#[test]
+fn bytes_that_are_no_solid_are_none() {
+    let cube = topology::close(&cuboid(DVec3::ZERO, DVec3::splat(4.0))).unwrap();
+    let bytes = kept::encode(&cube);
+    assert_eq!(kept::decode(&bytes), Some(cube));
+    for end in 0..bytes.len() {
+        let cut = kept::decode(&bytes[..end]);
+        assert!(cut.is_none_or(|c| c.triangles.len() < 12), "cut at {end}");
+    }
+    let mut beyond = bytes.clone();
+    *beyond.last_mut().unwrap() = 9;
+    assert_eq!(kept::decode(&beyond), None);
+    beyond[..8].fill(255);
+    assert_eq!(kept::decode(&beyond), None);
+}
+
+#[test]
+fn corners_are_welded_across_cells_and_no_further_than_the_tolerance() {
+    // Along a line, each in five copies that are up to a third of a millionth of the size apart.
+    let size = 10.0;
+    let mut t = cuboid(DVec3::ZERO, DVec3::splat(size));
+    for (k, corner) in t.iter_mut().flatten().enumerate() {
+        *corner += DVec3::new((k % 5) as f64 - 2.0, (k % 3) as f64 - 1.0, (k % 2) as f64) * 1e-6;
+    }
+    let welded = topology::close(&t).unwrap();
+    assert_eq!((welded.vertices.len(), welded.triangles.len()), (8, 12));
+    for (k, corner) in t.iter_mut().flatten().enumerate() {
+        *corner += DVec3::splat(1e-4 * (k % 7) as f64);
+    }
+    assert!(matches!(topology::close(&t), Err(Defect::OpenEdges { .. })));
 }

@@ -5,8 +5,10 @@
 //! manifold and consistently oriented mean for a mesh. A mesh that is wholly inside out is turned.
 
 use super::Defect;
-use glam::DVec3;
+use glam::{DVec3, I64Vec3};
+use rayon::prelude::*;
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
 
 /// A closed mesh, counter-clockwise seen from outside.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,51 +48,95 @@ pub fn close(triangles: &[[DVec3; 3]]) -> Result<Solid, Defect> {
     Ok(Solid { vertices, triangles: faces })
 }
 
+/// Cells are so many tolerances wide: most corners are looked for in one.
+const CELL: f64 = 16.0;
+
+/// Positions of the corners that are further apart than the tolerance, and which of them each corner is.
 fn weld(corners: &[DVec3], tolerance: f64) -> (Vec<DVec3>, Vec<u32>) {
-    let cell = |p: DVec3| (p / tolerance).floor().as_i64vec3();
-    let mut cells: HashMap<glam::I64Vec3, Vec<u32>> = HashMap::new();
-    let mut vertices: Vec<DVec3> = Vec::new();
+    let cell = |p: DVec3| (p / (CELL * tolerance)).floor().as_i64vec3();
+    // The latest vertex of each cell, and the one before it in the same cell.
+    let mut latest: HashMap<I64Vec3, u32, BuildHasherDefault<Places>> = HashMap::default();
+    let (mut vertices, mut before): (Vec<DVec3>, Vec<Option<u32>>) = (Vec::new(), Vec::new());
     let mut indices = Vec::with_capacity(corners.len());
     for &p in corners {
-        let c = cell(p);
-        let around = (-1..=1).flat_map(|z| (-1..=1).flat_map(move |y| (-1..=1).map(move |x| (x, y, z))));
-        let known = std::iter::once((0, 0, 0)).chain(around).find_map(|(x, y, z)| {
-            let near = cells.get(&(c + glam::I64Vec3::new(x, y, z)))?;
-            near.iter().copied().find(|&i| vertices[i as usize].distance(p) <= tolerance)
+        let (low, high) = (cell(p - tolerance), cell(p + tolerance));
+        let (xs, ys) = (low.x..=high.x, low.y..=high.y);
+        let around = (low.z..=high.z).flat_map(|z| ys.clone().map(move |y| (y, z)));
+        let mut around = around.flat_map(|(y, z)| xs.clone().map(move |x| I64Vec3::new(x, y, z)));
+        let known = around.find_map(|c| {
+            let near = std::iter::successors(latest.get(&c).copied(), |i| before[*i as usize]);
+            near.into_iter().find(|i| vertices[*i as usize].distance(p) <= tolerance)
         });
         indices.push(known.unwrap_or_else(|| {
             let index = vertices.len() as u32;
             vertices.push(p);
-            cells.entry(c).or_default().push(index);
+            before.push(latest.insert(cell(p), index));
             index
         }));
     }
     (vertices, indices)
 }
 
-fn check_edges(vertices: &[DVec3], faces: &[[u32; 3]]) -> Result<(), Defect> {
-    // How often each edge is walked forwards (from the lower index) and backwards.
-    let mut walked: HashMap<(u32, u32), (u32, u32)> = HashMap::new();
-    for f in faces {
-        for k in 0..3 {
-            let (a, b) = (f[k], f[(k + 1) % 3]);
-            let count = walked.entry((a.min(b), a.max(b))).or_default();
-            if a < b { count.0 += 1 } else { count.1 += 1 }
-        }
+/// Hashes places of a grid: who writes a mesh gains nothing by making them collide, so quick is enough.
+#[derive(Default)]
+struct Places(u64);
+
+impl Hasher for Places {
+    fn finish(&self) -> u64 {
+        self.0 ^ (self.0 >> 32)
     }
-    let mut edges: Vec<_> = walked.into_iter().collect();
-    edges.sort_unstable();
-    let find = |wrong: &dyn Fn(u32, u32) -> bool| {
-        let bad: Vec<_> = edges.iter().filter(|(_, (f, b))| wrong(*f, *b)).collect();
-        bad.first().map(|((a, b), _)| (bad.len(), vertices[*a as usize], vertices[*b as usize]))
+
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|b| self.write_u64(u64::from(*b)));
+    }
+
+    fn write_u64(&mut self, word: u64) {
+        self.0 = (self.0.rotate_left(5) ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    }
+
+    fn write_i64(&mut self, word: i64) {
+        self.write_u64(word.cast_unsigned());
+    }
+}
+
+/// The sides of all triangles, those of one edge beside each other: the edge's corners, the lower index first, and three times
+/// the triangle plus the side (0 from its first corner to its second).
+pub fn sides(faces: &[[u32; 3]]) -> Vec<([u32; 2], u32)> {
+    let side = |(k, f): (usize, &[u32; 3])| {
+        let f = *f;
+        [0, 1, 2].map(|s| {
+            let (a, b) = (f[s], f[(s + 1) % 3]);
+            ([a.min(b), a.max(b)], (3 * k + s) as u32)
+        })
     };
-    if let Some((count, from, to)) = find(&|f, b| f + b > 2) {
+    let mut all: Vec<_> = faces.par_iter().enumerate().flat_map_iter(side).collect();
+    all.par_sort_unstable();
+    all
+}
+
+fn check_edges(vertices: &[DVec3], faces: &[[u32; 3]]) -> Result<(), Defect> {
+    let sides = sides(faces);
+    let edges = || sides.chunk_by(|a, b| a.0 == b.0);
+    // How often an edge is walked forwards (from the lower index) and in all.
+    let walked = |edge: &[([u32; 2], u32)]| {
+        let forwards = |side: u32| faces[side as usize / 3][side as usize % 3] == edge[0].0[0];
+        (edge.iter().filter(|(_, side)| forwards(*side)).count(), edge.len())
+    };
+    let find = |wrong: &dyn Fn(usize, usize) -> bool| {
+        let mut bad = edges().filter(|edge| {
+            let (forwards, all) = walked(edge);
+            wrong(forwards, all)
+        });
+        let [from, to] = bad.next()?[0].0.map(|i| vertices[i as usize]);
+        Some((1 + bad.count(), from, to))
+    };
+    if let Some((count, from, to)) = find(&|_, all| all > 2) {
         return Err(Defect::NonManifold { count, from, to });
     }
-    if let Some((count, from, to)) = find(&|f, b| f + b == 1) {
+    if let Some((count, from, to)) = find(&|_, all| all == 1) {
         return Err(Defect::OpenEdges { count, from, to });
     }
-    if let Some((count, from, to)) = find(&|f, b| f != b) {
+    if let Some((count, from, to)) = find(&|forwards, all| 2 * forwards != all) {
         return Err(Defect::Orientation { count, from, to });
     }
     Ok(())

@@ -3,16 +3,15 @@
 //! `TWINRIG_CACHE` names it (set to nothing: nothing is kept); else it is `twinrig` in the platform's own cache folder. Nothing
 //! in it is needed: whoever deletes it loses time, not data.
 
-use crate::optics::store::Store;
+mod store;
+
+pub use store::{Kind, Store};
+
 use std::path::PathBuf;
 
-/// The store of prepared sensors, if there is a folder for it.
-pub fn optics_store() -> Option<Store> {
-    folder().map(|folder| Store::new(folder.join("optics")))
-}
-
-/// The cache folder; None when it is switched off or the user has none.
-fn folder() -> Option<PathBuf> {
+/// The cache folder; None when it is switched off or the user has none. It is for whoever puts the program together
+/// (`assemble`, `config`) to ask: domains are told where they may keep things.
+pub fn folder() -> Option<PathBuf> {
     let variable = |name: &str| std::env::var_os(name).map(PathBuf::from);
     match variable("TWINRIG_CACHE") {
         Some(own) => (!own.as_os_str().is_empty()).then_some(own),
