@@ -221,4 +221,58 @@ mod tests {
         assert!(coated[0] < 0.2 * plain[0], "{coated:?} {plain:?}");
         assert!(coated[1] > 0.7 * plain[1], "{coated:?} {plain:?}");
     }
+
+    #[test]
+    fn lattices_of_any_size_answer_as_the_sum_over_their_waves_does() {
+        let (e, nu, h) = (0.145, 0.45, 4.0);
+        let material = crate::elastomer::Material {
+            law: crate::elastomer::Law::NeoHookean,
+            youngs_modulus_mpa: e,
+            poisson_ratio: nu,
+            density_g_mm3: 1.0,
+        };
+        let pad = crate::elastomer::Pad::slab([20.0, 20.0, h], material);
+        let body = Body::new(&pad, &crate::elastomer::Settings::default());
+        // (Padded to odd and to even numbers, to more than twice as many, and to the least.)
+        for (size, padded) in
+            [([13, 9], [27, 18]), ([7, 13], [15, 27]), ([1, 5], [2, 10]), ([11, 16], [24, 32])]
+        {
+            let spacing = [0.12, 0.15];
+            let mut layer = Compliance::new(&body, size, spacing);
+            assert_eq!(layer.padded, padded);
+            // What a point gives way that lies so far from the one that is pressed.
+            let answer = |away: [usize; 2]| {
+                let turn = |n: usize, k: usize| 2.0 * std::f64::consts::PI * n as f64 / k as f64;
+                let mut sum = 0.0;
+                for (i, j) in (0..padded[0]).flat_map(|i| (0..padded[1]).map(move |j| (i, j))) {
+                    let k =
+                        |n: usize, axis: usize| turn(n.min(padded[axis] - n), padded[axis]) / spacing[axis];
+                    let stiffer = EDGE * (turn(i, padded[0]).cos() + turn(j, padded[1]).cos() - 2.0);
+                    sum += of_layer(k(i, 0).hypot(k(j, 1)), e, nu, h)
+                        * stiffer.exp()
+                        * (turn(i * away[0], padded[0]) + turn(j * away[1], padded[1])).cos();
+                }
+                sum / (padded[0] * padded[1]) as f64
+            };
+            let own = answer([0, 0]);
+            assert!((f64::from(layer.own()) / own - 1.0).abs() < 1e-5, "{size:?}: {} {own}", layer.own());
+            for pressed in [0, size[0] * size[1] / 2, size[0] * size[1] - 1] {
+                let mut pressure = vec![0.0; size[0] * size[1]];
+                pressure[pressed] = 1.0;
+                let mut given = vec![f32::NAN; pressure.len()];
+                layer.displacement(&pressure, &mut given);
+                for (k, given) in given.iter().enumerate() {
+                    let away = [
+                        (k % size[0]).abs_diff(pressed % size[0]),
+                        (k / size[0]).abs_diff(pressed / size[0]),
+                    ];
+                    let wanted = answer(away);
+                    assert!(
+                        (f64::from(*given) - wanted).abs() < 1e-5 * own,
+                        "{size:?} {away:?}: {given} {wanted}"
+                    );
+                }
+            }
+        }
+    }
 }

@@ -109,6 +109,40 @@ pub fn lattice(size_mm: [f64; 3], cell_mm: [f64; 2]) -> [usize; 2] {
 struct Window {
     from: [usize; 2],
     size: [usize; 2],
+    /// Between points of the lattice, mm.
+    spacing: [f64; 2],
+}
+
+impl Window {
+    /// How many points it has.
+    fn count(self) -> usize {
+        self.size[0] * self.size[1]
+    }
+
+    /// Where on the lattice one of them is.
+    fn at(self, k: usize) -> (usize, usize) {
+        (self.from[0] + k % self.size[0], self.from[1] + k / self.size[0])
+    }
+
+    /// Where in the lattice's values.
+    fn index(self, face: &Surface, k: usize) -> usize {
+        self.at(k).1 * face.nx + self.at(k).0
+    }
+
+    /// mm^2 of a point.
+    fn area(self) -> f64 {
+        self.spacing[0] * self.spacing[1]
+    }
+}
+
+/// What stands over the points of a window without any pressure.
+struct Under {
+    /// How far the splines' face is below the body, mm; nothing beside it.
+    at_body: Vec<Option<f64>>,
+    /// What would be between the face and the body, mm, and how much further a point gives way than its neighbours know,
+    /// mm per MPa.
+    gap: Vec<f32>,
+    soft: Vec<f32>,
 }
 
 impl Splined<'_> {
@@ -120,73 +154,100 @@ impl Splined<'_> {
         contact: &mut [bool],
         rest_z: impl Fn(f64, f64) -> f64,
     ) -> Option<Relief> {
-        let spacing = [face.size_x_mm / (face.nx - 1) as f64, face.size_y_mm / (face.ny - 1) as f64];
-        let pressed: Vec<f32> = (0..face.nx * face.ny)
+        let pressed = self.pressed(face);
+        let window = self.window(face, &pressed)?;
+        let pressure = self.balanced(face, &pressed, window)?;
+        let splined: Vec<f32> = (0..window.count())
+            .map(|k| {
+                let (i, j) = window.at(k);
+                let [x, y] = face.rest_xy(i, j);
+                face.positions[window.index(face, k)].z - rest_z(x, y) as f32
+            })
+            .collect();
+        let mut layer = Compliance::new(self.body, window.size, window.spacing);
+        let free = self.free(&splined, &pressure, &mut layer, window);
+        let under = self.under(face, window, &splined, &free, layer.own());
+        let [pressure, given] = settle(&under.gap, &under.soft, &mut layer, pressure)?;
+        let force_n = pressure.iter().map(|p| f64::from(*p)).sum::<f64>() * window.area();
+        if (force_n / self.force_n - 1.0).abs() > MOST_APART {
+            return None;
+        }
+        let change: Vec<f32> = (0..window.count()).map(|k| free[k] - given[k] - splined[k]).collect();
+        let misfit_mm = match self.misses(face, window) {
+            true => f64::INFINITY,
+            false => misfit_mm(&change, &pressure, window),
+        };
+        self.lay(face, contact, window, &change, &under.at_body, &pressure);
+        Some(Relief { force_n, misfit_mm })
+    }
+
+    /// The splines' pressure at every point of the lattice, MPa.
+    fn pressed(&self, face: &Surface) -> Vec<f32> {
+        (0..face.nx * face.ny)
             .into_par_iter()
             .with_min_len(FEW)
             .map(|k| face.rest_xy(k % face.nx, k / face.nx))
             .map(|[x, y]| (self.pressure)(x, y) as f32)
-            .collect();
-        let window = self.window(face, &pressed, spacing)?;
-        let [nx, ny] = window.size;
-        let at = |k: usize| (window.from[0] + k % nx, window.from[1] + k / nx);
-        let index = |k: usize| at(k).1 * face.nx + at(k).0;
-        let rest = |k: usize| face.rest_xy(at(k).0, at(k).1);
-        // The splines' face, and what the layer does of it under the pressure.
-        let area = spacing[0] * spacing[1];
-        let mut pressure: Vec<f32> = (0..nx * ny).map(|k| pressed[index(k)]).collect();
-        let sum: f64 = pressure.iter().map(|p| f64::from(*p)).sum::<f64>() * area;
+            .collect()
+    }
+
+    /// The same in the window, with the splines' force; nothing where it has little to do with that.
+    fn balanced(&self, face: &Surface, pressed: &[f32], window: Window) -> Option<Vec<f32>> {
+        let mut pressure: Vec<f32> = (0..window.count()).map(|k| pressed[window.index(face, k)]).collect();
+        let sum: f64 = pressure.iter().map(|p| f64::from(*p)).sum::<f64>() * window.area();
         if sum < 0.5 * self.force_n {
             return None;
         }
         pressure.iter_mut().for_each(|p| *p *= (self.force_n / sum) as f32);
-        let splined: Vec<f32> = (0..nx * ny)
-            .map(|k| face.positions[index(k)].z - rest_z(rest(k)[0], rest(k)[1]) as f32)
-            .collect();
-        let mut layer = Compliance::new(self.body, window.size, spacing);
-        let mut given = vec![0.0; nx * ny];
-        layer.displacement(&pressure, &mut given);
-        // What it would be without pressure.
+        Some(pressure)
+    }
+
+    /// What the face would be without pressure, mm above the undeformed one: the splines' less what the layer does of it.
+    fn free(&self, splined: &[f32], pressure: &[f32], layer: &mut Compliance, window: Window) -> Vec<f32> {
+        let mut given = vec![0.0; window.count()];
+        layer.displacement(pressure, &mut given);
         let mut free: Vec<f32> = splined.iter().zip(&given).map(|(u, g)| u + g).collect();
-        smooth(&mut free, window.size, [0, 1].map(|a| SMOOTH * self.cell_mm[a] / spacing[a]));
-        // How far that is below the body, and what part of a point's surroundings is.
+        smooth(&mut free, window.size, [0, 1].map(|a| SMOOTH * self.cell_mm[a] / window.spacing[a]));
+        free
+    }
+
+    /// How far the face is below the body, and what part of a point's surroundings is. `own` is what a point gives way by itself.
+    fn under(&self, face: &Surface, window: Window, splined: &[f32], free: &[f32], own: f32) -> Under {
         let deepest = DEEPEST * self.cell_mm[0].max(self.cell_mm[1]);
         let below = |p: DVec3| self.gap(p).filter(|gap| *gap > -deepest);
-        let at_body: Vec<Option<f64>> = (0..nx * ny)
-            .into_par_iter()
-            .with_min_len(FEW)
-            .map(|k| below(face.positions[index(k)].as_dvec3()))
-            .collect();
-        let own = layer.own();
-        let (mut gap, mut soft) = (vec![f32::INFINITY; nx * ny], vec![0.0; nx * ny]);
-        for k in 0..nx * ny {
-            let whole =
-                neighbours(k, nx).all(|n| at_body.get(n).is_none_or(|b| b.is_some() == at_body[k].is_some()));
+        let place = |k: usize| face.positions[window.index(face, k)].as_dvec3();
+        let at_body: Vec<Option<f64>> =
+            (0..window.count()).into_par_iter().with_min_len(FEW).map(|k| below(place(k))).collect();
+        let (mut gap, mut soft) = (vec![f32::INFINITY; window.count()], vec![0.0; window.count()]);
+        for k in 0..window.count() {
+            let whole = neighbours(k, window.size[0])
+                .all(|n| at_body.get(n).is_none_or(|b| b.is_some() == at_body[k].is_some()));
             let (part, mean) = match at_body[k] {
                 Some(gap) if whole => (1.0, gap),
                 None if whole => continue,
-                _ => part_below(face.positions[index(k)].as_dvec3(), spacing, below),
+                _ => part_below(place(k), window.spacing, below),
             };
             if part >= LEAST_PART {
                 gap[k] = mean as f32 + splined[k] - free[k];
                 soft[k] = (SOFT * (1.0 / part - 1.0)) as f32 * own;
             }
         }
-        let [pressure, given] = settle(&gap, &soft, &mut layer, pressure)?;
-        let force_n = pressure.iter().map(|p| f64::from(*p)).sum::<f64>() * area;
-        if (force_n / self.force_n - 1.0).abs() > MOST_APART {
-            return None;
-        }
-        let squares = at_edge(&pressure, nx, spacing)
-            .map(|k| f64::from(free[k] - given[k] - splined[k]).powi(2))
-            .sum::<f64>();
-        let pressed_mm2 = pressure.iter().filter(|p| **p > 0.0).count() as f64 * area;
-        let judged_mm2 = (4.0 * pressed_mm2).max(LEAST_JUDGED_MM2);
-        let changed_mm = (squares * area / judged_mm2).sqrt();
-        let misfit_mm = if self.misses(face, window) { f64::INFINITY } else { TO_ERROR * changed_mm };
-        let fade = [0, 1].map(|a| FADE * self.cell_mm[a] / spacing[a]);
-        for k in 0..nx * ny {
-            let (i, j) = at(k);
+        Under { at_body, gap, soft }
+    }
+
+    /// Moves the face by `change`, less and less towards the ends of the window, and marks what is pressed.
+    fn lay(
+        &self,
+        face: &mut Surface,
+        contact: &mut [bool],
+        window: Window,
+        change: &[f32],
+        at_body: &[Option<f64>],
+        pressure: &[f32],
+    ) {
+        let fade = [0, 1].map(|a| FADE * self.cell_mm[a] / window.spacing[a]);
+        for k in 0..window.count() {
+            let (i, j) = window.at(k);
             let inside = |at: usize, axis: usize, n: usize| {
                 let (low, high) = (window.from[axis], window.from[axis] + window.size[axis] - 1);
                 let below = if low == 0 { f64::INFINITY } else { (at - low) as f64 };
@@ -198,10 +259,9 @@ impl Splined<'_> {
             let to = j * face.nx + i;
             // A soft point has not given way as far as the body reaches.
             let most = at_body[k].map_or(f32::INFINITY, |gap| gap as f32);
-            face.positions[to].z += part * (free[k] - given[k] - splined[k]).min(most);
-            contact[to] = at_body[k].is_some() && is_covered(&pressure, nx, k);
+            face.positions[to].z += part * change[k].min(most);
+            contact[to] = at_body[k].is_some() && is_covered(pressure, window.size[0], k);
         }
-        Some(Relief { force_n, misfit_mm })
     }
 
     /// How far a place is below the body, mm; nothing beside it.
@@ -222,7 +282,8 @@ impl Splined<'_> {
     }
 
     /// What is pressed, and its surroundings.
-    fn window(&self, face: &Surface, pressed: &[f32], spacing: [f64; 2]) -> Option<Window> {
+    fn window(&self, face: &Surface, pressed: &[f32]) -> Option<Window> {
+        let spacing = [face.size_x_mm / (face.nx - 1) as f64, face.size_y_mm / (face.ny - 1) as f64];
         let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
         for (k, _) in pressed.iter().enumerate().filter(|(_, p)| **p > 0.0) {
             let (i, j) = (k % face.nx, k / face.nx);
@@ -233,7 +294,7 @@ impl Splined<'_> {
             let margin = [0, 1].map(|a| (MARGIN * self.cell_mm[a] / spacing[a]).ceil() as usize);
             let from = [0, 1].map(|a| low[a].saturating_sub(margin[a]));
             let to = [0, 1].map(|a: usize| (high[a] + margin[a] + 1).min(count[a]));
-            Window { from, size: [to[0] - from[0], to[1] - from[1]] }
+            Window { from, size: [to[0] - from[0], to[1] - from[1]], spacing }
         })
     }
 }
@@ -305,6 +366,17 @@ fn settle(
         }
     }
     None
+}
+
+/// What heights may be off, mm, by how much they change at the edge of the contact.
+fn misfit_mm(change: &[f32], pressure: &[f32], window: Window) -> f64 {
+    let area = window.area();
+    let squares =
+        at_edge(pressure, window.size[0], window.spacing).map(|k| f64::from(change[k]).powi(2)).sum::<f64>();
+    let pressed_mm2 = pressure.iter().filter(|p| **p > 0.0).count() as f64 * area;
+    let judged_mm2 = (4.0 * pressed_mm2).max(LEAST_JUDGED_MM2);
+    let changed_mm = (squares * area / judged_mm2).sqrt();
+    TO_ERROR * changed_mm
 }
 
 /// The points within [`BAND_MM`] along x and y of where pressed ones meet others.

@@ -135,6 +135,11 @@ fn flat(plan: Plan, edge_round_mm: f64) -> Arc<dyn Indenter> {
 
 /// A pad pressed 0.5 mm by a body over such cells; where none are given, by a solver that picks them for 0.01.
 fn press(body: &Arc<dyn Indenter>, cell_mm: Option<f64>) -> QuasiStaticSolver {
+    press_to(0.5, body, cell_mm)
+}
+
+/// The same to another depth, mm.
+fn press_to(depth_mm: f64, body: &Arc<dyn Indenter>, cell_mm: Option<f64>) -> QuasiStaticSolver {
     let (pad, settings) = (pad(Law::FixedCorotated), settings(Friction::Coefficient(0.0)));
     let settings = crate::elastomer::Settings { tolerance: 0.01, ..settings };
     let start = Pose::new(0.0, 0.0, 0.1, 0.0);
@@ -147,7 +152,7 @@ fn press(body: &Arc<dyn Indenter>, cell_mm: Option<f64>) -> QuasiStaticSolver {
         }
     };
     let mut solver = solver.expect("settings in range");
-    solver.advance(&Pose::new(0.0, 0.0, -0.5, 0.0)).expect("an easy press");
+    solver.advance(&Pose::new(0.0, 0.0, -depth_mm, 0.0)).expect("an easy press");
     solver
 }
 
@@ -198,4 +203,33 @@ fn a_face_in_relief_states_its_own_error_and_needs_no_finer_cells_for_a_sharp_ed
     }
     let found = (squares / f64::from(n)).sqrt() / 0.5;
     assert!(found < stated(&capture), "{found}, stated {}", stated(&capture));
+}
+
+/// Force and stated error of a press in relief, and of the same without.
+fn with_and_without_relief(depth_mm: f64, body: &Arc<dyn Indenter>) -> [[f64; 2]; 2] {
+    let mut solver = press_to(depth_mm, body, Some(0.63));
+    [101, 21].map(|n| {
+        let capture = solver.capture(n, n).expect("a lattice");
+        [capture.forces.normal_force_n, capture.stats.estimated_error.expect("a press")]
+    })
+}
+
+#[test]
+fn a_press_through_a_third_of_the_pad_has_the_forces_of_the_splines() {
+    // The pad is 4 mm thick: at 0.3 of that the layer below the relief is no longer a linear one.
+    let punch = flat(Plan::Disc { diameter_mm: 6.0 }, 0.3);
+    let [with, without] = with_and_without_relief(1.15, &punch);
+    assert!(with[0] != without[0] && with[1] != without[1], "{with:?} {without:?}");
+    let [with, without] = with_and_without_relief(1.25, &punch);
+    assert_eq!(with, without);
+}
+
+#[test]
+fn a_contact_that_is_all_rim_has_the_forces_of_the_splines() {
+    // Less than two cells wide, and five.
+    let bar = |wide_mm: f64| flat(Plan::Rectangle { x_mm: 5.0, y_mm: wide_mm }, 0.0);
+    let [with, without] = with_and_without_relief(0.4, &bar(0.8));
+    assert_eq!(with, without);
+    let [with, without] = with_and_without_relief(0.4, &bar(3.2));
+    assert!(with[0] != without[0] && with[1] != without[1], "{with:?} {without:?}");
 }
