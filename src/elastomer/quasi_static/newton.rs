@@ -19,6 +19,11 @@ use rayon::prelude::*;
 const MOST_ITERATIONS: u32 = 40;
 /// Reduction of the residual with which an inner iteration may end.
 const LOOSEST: f64 = 0.1;
+/// Part of the goal of a solve that its inner iteration aims at: the multipliers that follow shift the forces by more than is left.
+/// Found by experiment: with 0.3 steps of a tenth of the depth take a quarter (sphere) to two thirds (punch) more applications.
+const PART_OF_GOAL: f64 = 0.5;
+/// Reduction of the residual with which a prediction ends.
+const PREDICTED: f64 = 0.2;
 /// Tangent applications in one Newton iteration.
 const MOST_PASSES: u32 = 150;
 
@@ -107,7 +112,7 @@ impl Newton {
         if state.valid() {
             self.iterations += 1;
             self.springs.update(grid, &problem.machine.green, problem.machine.frames.as_ref(), contacts);
-            self.direction(problem, contacts, 0.1);
+            self.direction(problem, contacts, PREDICTED);
             let mut trial = std::mem::take(&mut self.trial);
             let mut part = 1.0;
             for _ in 0..4 {
@@ -175,7 +180,7 @@ impl Newton {
             iterations += 1;
             self.iterations += 1;
             self.springs.update(grid, &problem.machine.green, problem.machine.frames.as_ref(), contacts);
-            self.direction(problem, contacts, f64::max(forcing, 0.3 * goal / state.relative));
+            self.direction(problem, contacts, f64::max(forcing, PART_OF_GOAL * goal / state.relative));
             let before = state.relative;
             let Some(next) = self.search(problem, contacts, u) else { break };
             *state = next;
