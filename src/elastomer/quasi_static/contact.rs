@@ -160,6 +160,11 @@ impl Contacts {
         self.law.friction != Friction::Coefficient(0.0)
     }
 
+    /// Whether what touches holds, however hard it is dragged.
+    pub fn sticks(&self) -> bool {
+        self.law.friction == Friction::Infinite
+    }
+
     fn value(&self, u: &[f32], cell: [usize; 2], sub: usize) -> DVec3 {
         let per_axis = self.lattice.per_axis;
         let (wx, wy) = (&self.weights[sub % per_axis], &self.weights[sub / per_axis]);

@@ -76,6 +76,10 @@ const GUESS_VOLUME: f32 = 0.1;
 const PRESSES_ON: f64 = 0.15;
 /// Longest way along the face in one increment with friction, mm.
 const LONGEST_SLIDE_MM: f64 = 0.25;
+/// The same with infinite friction over the width of a cell: the rim of what holds comes loose ring by ring. Found by experiment:
+/// in increments of 0.25 mm over cells of 0.31 mm a sphere of radius 4, pressed 0.5 mm and slid 1 mm, loses whole rings at once
+/// and drags 5 % less than in shorter ones; in those it drags as hard as over cells of 0.42 and 0.21 mm within 1 %.
+const SLIDE_OVER_CELL: f64 = 0.625;
 /// Largest turn in one increment, degrees.
 const LARGEST_TURN_DEG: f64 = 5.0;
 /// Smallest distance of the contact from the pad's edge, mm.
@@ -335,7 +339,8 @@ impl Level {
         let down = (to.z_mm - from.z_mm).abs();
         let turn = (to.theta_deg - from.theta_deg).abs();
         let longest = [LONGEST_INCREMENT_MM, LONGEST_INCREMENT_MM];
-        let friction = [self.increment_mm, LONGEST_SLIDE_MM];
+        let slide = if self.at.contacts.sticks() { SLIDE_OVER_CELL * self.grid().hx } else { LONGEST_SLIDE_MM };
+        let friction = [self.increment_mm, slide.min(LONGEST_SLIDE_MM)];
         let [deep, far] = if self.at.contacts.has_friction() { friction } else { longest };
         (down / deep).max(along / far).max(turn / LARGEST_TURN_DEG).ceil().max(1.0)
     }

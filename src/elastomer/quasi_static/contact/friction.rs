@@ -1,6 +1,6 @@
 //! What happens between two solves: multipliers, anchors and friction bounds follow the displacement.
 
-use super::side::{Entry, Side};
+use super::side::{ANOTHER_SIDE, Entry, Side};
 use super::{Contacts, Sample};
 use crate::elastomer::Friction;
 use crate::indenter::Indenter;
@@ -51,6 +51,16 @@ impl Anchor {
     pub(super) fn trial(&self, p: DVec3, stiffness: f64) -> DVec3 {
         self.held - self.side.along(p - self.side.at) * stiffness
     }
+
+    /// Lays the tangential plane as the indenter is where the point has slipped to: traction along the plane that it came from
+    /// presses there, or lifts. A side round a corner is not followed.
+    fn lean(&mut self, normal: DVec3) {
+        if normal.dot(self.side.normal) > ANOTHER_SIDE {
+            let length = self.held.length();
+            self.side.normal = normal;
+            self.held = self.side.along(self.held).normalize_or_zero() * length;
+        }
+    }
 }
 
 /// How much traction the face can take along the indenter.
@@ -88,7 +98,9 @@ impl Contacts {
     /// What holds, what slips and how much each can bear depend on one another, and brought up to date for
     /// ever they may chase one another in circles. So tangential multipliers stand still from a round on
     /// (what they then miss is a fraction of a micrometre of creep), and with infinite friction, whose
-    /// bounds are no physics, the bounds before them. Coulomb's bounds always follow: they contract.
+    /// bounds are no physics, the bounds before them. Coulomb's bounds always follow: they contract. The planes of
+    /// what slips follow as long as the multipliers: a sphere of radius 4 in increments of 0.25 mm drags 2 to 3 % more
+    /// along the planes that its points come from than in the shortest, and along those that they come to as in these.
     pub fn update(&mut self, indenter: &dyn Indenter, poses: [&Pose; 2], u: &[f32], round: u32) -> Updated {
         if round <= SIDE_ROUNDS {
             self.choose_sides(indenter, poses[1], u);
@@ -122,7 +134,11 @@ impl Contacts {
                     }
                 } else if let Some(anchor) = &mut s.anchor {
                     out.events += usize::from(s.loaded != (anchor.bound > 0.0));
-                    let trial = anchor.trial(s.seen, self.tangential);
+                    let mut trial = anchor.trial(s.seen, self.tangential);
+                    if s.loaded && revocable && s.pushed_by.is_none() && trial.length() >= anchor.bound {
+                        anchor.lean(Side::nearest(indenter, s.seen).1.normal);
+                        trial = anchor.trial(s.seen, self.tangential);
+                    }
                     let bound = match s.loaded {
                         false => 0.0,
                         true if bounds_follow || anchor.bound == 0.0 => bound,

@@ -8,7 +8,7 @@ use glam::DVec3;
 const DEEP_MM: f64 = 0.02;
 /// Cosine of the angle between the nearest side and the one that a point came in by, below which they are two sides and
 /// not parts of one rounded edge.
-const ANOTHER_SIDE: f64 = 0.3;
+pub(super) const ANOTHER_SIDE: f64 = 0.3;
 
 /// A plane that touches the indenter, in the indenter's frame.
 #[derive(Debug, Clone, Copy)]
