@@ -339,7 +339,8 @@ impl Level {
         let down = (to.z_mm - from.z_mm).abs();
         let turn = (to.theta_deg - from.theta_deg).abs();
         let longest = [LONGEST_INCREMENT_MM, LONGEST_INCREMENT_MM];
-        let slide = if self.at.contacts.sticks() { SLIDE_OVER_CELL * self.grid().hx } else { LONGEST_SLIDE_MM };
+        let slide =
+            if self.at.contacts.sticks() { SLIDE_OVER_CELL * self.grid().hx } else { LONGEST_SLIDE_MM };
         let friction = [self.increment_mm, slide.min(LONGEST_SLIDE_MM)];
         let [deep, far] = if self.at.contacts.has_friction() { friction } else { longest };
         (down / deep).max(along / far).max(turn / LARGEST_TURN_DEG).ceil().max(1.0)
