@@ -201,6 +201,13 @@ impl Contacts {
         Anchor { side, bound, held: DVec3::ZERO }
     }
 
+    /// Part of the points under pressure that were let go in this increment and came back: they hold nothing until it ends.
+    pub fn idle_part(&self) -> f64 {
+        let pressed = self.samples.iter().filter(|s| s.pressure > 0.0);
+        let (idle, all) = pressed.fold((0, 0), |(idle, all), s| (idle + u32::from(s.let_go), all + 1));
+        f64::from(idle) / f64::from(all.max(1))
+    }
+
     /// Ends an increment: anchors of sliding points follow, so that their spring carries the bound.
     pub fn end_increment(&mut self, indenter: &dyn Indenter) {
         for s in &mut self.samples {
