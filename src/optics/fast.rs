@@ -25,6 +25,7 @@ mod exchange;
 mod fixed;
 mod frame;
 mod gains;
+mod glow;
 mod grid;
 mod ground;
 mod horizon;
@@ -55,6 +56,7 @@ use cover::Covers;
 use echo::Echo;
 use fixed::Looks;
 use glam::{Vec2, Vec3};
+use glow::Glow;
 use grid::{Grid, Layout};
 use horizon::Heights;
 use plate::Slab;
@@ -62,8 +64,8 @@ use radiosity::Radiosity;
 pub use renderer::Renderer;
 use source::{Lamp, Source};
 use suited::{
-    coarse, fine_camera, lattice_of, lit_from_within, nothing_within, pad_of, sources_of, unsupported,
-    without_pad_mesh,
+    coarse, fine_camera, lattice_of, lights_off_face, lit_from_within, nothing_within, pad_of, sources_of,
+    unsupported, without_pad_mesh,
 };
 use view::View;
 use world::World;
@@ -130,6 +132,8 @@ struct Tables {
     fixed_lights: Vec<Vec<Vec3>>,
     /// Pixels that they cover in part.
     covers: Covers,
+    /// What of them a press may light; nothing where the face is curved.
+    glow: Glow,
     /// What a plate mirrors into each pixel, by light; empty without one.
     veils: Vec<Vec<Vec3>>,
     /// What walls give back of a press; none where light is scattered too seldom, or the face is curved.
@@ -201,11 +205,19 @@ impl Precomputed {
         let buried = |p: Vec3| level.is_none() && p.z < heights.at(p.truncate()) - BURIED_MM;
         let solved = Radiosity::new(&world, &lamps, events, buried);
         let view = View::new(&fine_camera(untouched)?, slab);
+        lights_off_face(&untouched.lights, &view, pixel_mm(&view), [low, high], rest)?;
         let top = pad.mesh.positions.iter().fold(f32::NEG_INFINITY, |top, p| top.max(p.z));
         let high = top + DIRECT_LIFT_MM[1];
         let looks = Looks::new(untouched, &view, &world, &lamps, &solved, high, &buried)?;
         let corners = looks.corners();
         let covers = Covers::new(&looks, &corners, view.corners(), lamps.len());
+        let glow = match level {
+            Some(_) if events > 0 => {
+                let edge = frame::cell_px(pixel_mm(&view));
+                Glow::new(&looks, &corners, &covers, view.corners()[0], edge)
+            }
+            _ => Glow::default(),
+        };
         let (fixed, fixed_lights) = fixed::by_light(&corners, lamps.len());
         let echo = Echo::new(&world, &view, &lamps, &probe_layout, events, rest, buried);
         let tables = Tables {
@@ -216,6 +228,7 @@ impl Precomputed {
             fixed,
             fixed_lights,
             covers,
+            glow,
             veils: slab.map_or_else(Vec::new, |slab| fixed::veils(&view, &slab, &world, &solved)),
         };
         Ok(Self::assemble(untouched, view, sources, tables))
@@ -237,6 +250,7 @@ impl Precomputed {
             && corners(tables.fixed.len())
             && tables.fixed_lights.iter().all(|l| l.len() == tables.fixed.len())
             && tables.covers.fit(pixels)
+            && tables.glow.fit(pixels, sources.len())
             && tables.veils.iter().all(|v| v.len() == pixels)
             && (tables.veils.is_empty() == view.slab.is_none())
             && tables.echo.as_ref().is_none_or(|echo| echo.size == sending_cells(&view).1);
@@ -302,6 +316,12 @@ impl Precomputed {
         let mut scene = self.fixed_scene.clone();
         scene.lights.iter_mut().zip(radiances).for_each(|(light, radiance)| light.radiance = *radiance);
         Self::assemble(&scene, self.view.clone(), self.sources.clone(), self.tables.clone())
+    }
+
+    /// Height of the untouched face in its middle, mm.
+    fn level(&self) -> f32 {
+        let rest = &self.total.parts().0.rest;
+        rest[rest.len() / 2]
     }
 
     /// The value of the fixed part that a corner of a pixel sees.

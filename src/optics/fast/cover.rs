@@ -2,7 +2,7 @@
 //! camera sees may be many times as bright as the pad, so the corners of a pixel do not tell where its edge is. What of
 //! such a pixel is in front of what does not change with the pad: depths are sampled once per sensor.
 
-use super::fixed::{Look, Looks};
+use super::fixed::{Look, Looks, SAMPLE_RAYS};
 use crate::optics::Film;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -63,7 +63,7 @@ impl Covers {
             let at = Vec2::new((k % width) as f32, (k / width) as f32);
             let (mut values, mut showing, mut sums) = ([0.0; SAMPLES], 0, vec![Vec3::ZERO; lights]);
             for (s, value) in values.iter_mut().enumerate() {
-                let look = looks.at(at + place(s));
+                let look = looks.at(at + place(s), SAMPLE_RAYS);
                 *value = look.value;
                 if look.shows {
                     showing += 1;

@@ -70,10 +70,14 @@ const TUBE_ERROR: f64 = 0.016;
 const PROFILE_ERROR: f64 = 0.007;
 /// What a light adds beyond whose plane some of the pad is: pixels that the plane runs through are half lit.
 const SIDED_ERROR: f64 = 0.006;
+/// It counts as before the light at least this part of the pad.
+const LEAST_FACED: f64 = 0.02;
 /// What walls lose each time they send light on.
 const LOST_ERROR: f64 = 2e-4;
 /// Part of the bounce that is wrong or left out.
 const BOUNCE_ERROR: f64 = 0.2;
+/// Part of what the press changes in the light on walls and lamps in the view that is wrong or left out.
+const GLOW_ERROR: f64 = 0.3;
 /// Part of what walls give back of the press that is wrong.
 const ECHO_ERROR: f64 = 0.25;
 /// What steep flanks add, by the rms of |n - n0|^2 over the untouched normal n0: shadows' edges are interpolated between nodes.
@@ -157,6 +161,8 @@ impl Renderer<'_> {
         let mean = f64::from(film.mean().element_sum() / 3.0).max(1e-30);
         let bounce = BOUNCE_ERROR * (pictures.bounced / n).sqrt() / mean;
         let spread = (pictures.spread / n).sqrt() / mean;
+        let glow = GLOW_ERROR * (pictures.glowed / n).sqrt() / mean;
+        let feet = (pictures.feet / n).sqrt() / mean;
         let base = BASE_ERROR[usize::from(matches!(self.albedo, Albedo::Texture(_)))];
         let base = base / self.once.lights_in_effect().sqrt();
         let echo = ECHO_ERROR * pictures.echoed.sqrt();
@@ -170,8 +176,11 @@ impl Renderer<'_> {
             if self.once.sources.iter().any(|s| s.angular().is_some()) { PROFILE_ERROR } else { 0.0 };
         let profile = profile / self.once.lights_in_effect().sqrt();
         let lost = LOST_ERROR * self.once.bounces_between_walls();
-        let sided = if pictures.sided { SIDED_ERROR } else { 0.0 };
-        [base, bounce, echo, spread, steep, plate, tube, curved, profile, lost, sided]
+        // (Where one light leaves most of the picture dark, the same is more of what is left.)
+        let dark = pictures.sided.map_or(0.0, |faced| (0.5 / faced.max(LEAST_FACED)).max(1.0) - 1.0);
+        let dark = 1.0 + dark / self.once.lights_in_effect();
+        let sided = if pictures.sided.is_some() { SIDED_ERROR * dark } else { 0.0 };
+        [base, bounce, glow, feet, echo, spread, steep, plate, tube, curved, profile, lost, sided]
             .iter()
             .map(|e| e * e)
             .sum::<f64>()

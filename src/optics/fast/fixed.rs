@@ -1,11 +1,12 @@
 //! What of the sensor shows beside the pad, and in a plate: the same in every picture.
 
+use super::DIRECT_LIFT_MM;
 use super::cover::{SAMPLES, place};
 use super::plate::Slab;
 use super::radiosity::{Radiosity, cosine};
 use super::source::Lamp;
 use super::view::View;
-use super::world::World;
+use super::world::{Met, World};
 use crate::optics::sampler::Sampler;
 use crate::optics::{Error, Role, Scene, Surface};
 use glam::{Vec2, Vec3};
@@ -68,6 +69,11 @@ pub struct Look {
     pub high: bool,
     /// The lamp whose shining side it is.
     pub lamp: Option<usize>,
+    /// Where it is, mm, its normal on the side that shows, its reflectance, and the lamp of which it is a side.
+    pub point: Vec3,
+    pub normal: Vec3,
+    pub albedo: Vec3,
+    pub part: Option<usize>,
 }
 
 /// Looks at what the camera would see without the pad.
@@ -82,6 +88,8 @@ pub struct Looks<'a> {
     high: f32,
     /// Which points lie under the untouched face.
     buried: &'a (dyn Fn(Vec3) -> bool + Sync),
+    /// Whether what lamps reflect is gathered where they show. (Not where light ends early: it counts one event more.)
+    gathers: bool,
 }
 
 impl<'a> Looks<'a> {
@@ -99,19 +107,20 @@ impl<'a> Looks<'a> {
         buried: &'a (dyn Fn(Vec3) -> bool + Sync),
     ) -> Result<Self, Error> {
         let bare = World::new(&Scene { surfaces: solid(scene), ..scene.clone() }, false)?;
-        Ok(Self { view, world, bare, lamps, solved, high, buried })
+        let gathers = scene.max_events >= LEAST_EVENTS && !world.has_clear();
+        Ok(Self { view, world, bare, lamps, solved, high, buried, gathers })
     }
 
     /// All corners of pixels.
     pub fn corners(&self) -> Vec<Look> {
         let [columns, rows] = self.view.corners();
         let at = |k: usize| Vec2::new((k % columns) as f32, (k / columns) as f32);
-        (0..columns * rows).into_par_iter().map(|k| self.at(at(k))).collect()
+        (0..columns * rows).into_par_iter().map(|k| self.at(at(k), RAYS)).collect()
     }
 
-    /// A point of the raster, in pixels.
-    pub fn at(&self, at: Vec2) -> Look {
-        let Self { view, world, bare, lamps, solved, high, buried } = self;
+    /// A point of the raster, in pixels; what a lamp reflects there is gathered over so many rays.
+    pub fn at(&self, at: Vec2, rays: u32) -> Look {
+        let Self { view, world, bare, lamps, solved, high, buried, gathers } = self;
         let [start, along] = view.ray(at);
         let direction = along.normalize();
         let Some(met) = bare.trace(start + direction * bare.offset, direction) else {
@@ -123,13 +132,15 @@ impl<'a> Looks<'a> {
         let Some(whole) = free.filter(|whole| whole.hit.t >= met.hit.t * 0.999) else {
             return Look { value, lights: vec![Vec3::ZERO; lamps.len()], ..Look::default() };
         };
-        let met_there = buried(met.hit.point).then(|| self.met_from(at, met.hit.point, met.normal));
-        let scattered = |l: usize| match &met_there {
-            Some(met_there) => {
-                let sum: Vec3 = met_there.iter().map(|element| solved.radiance(*element, l)).sum();
-                met.albedo * sum / GATHERED as f32
+        let shines = met.front && met.light.is_some();
+        let rays = if buried(met.hit.point) { Some(GATHERED) } else { (shines && *gathers).then_some(rays) };
+        let met_there = rays.map(|rays| self.met_from(at, met.hit.point, met.normal, rays));
+        let scattered = |l: usize| match (&met_there, rays) {
+            (Some(met_there), Some(rays)) => {
+                let sum: Vec3 = met_there.iter().map(|there| self.radiance(there, l)).sum();
+                met.albedo * sum / rays as f32
             }
-            None => solved.shown(whole.element, l),
+            _ => solved.shown(whole.element, l),
         };
         let of_light = |l: usize| {
             let e = world.direct(met.hit.point, met.normal, met.light, l, &lamps[l]);
@@ -142,26 +153,58 @@ impl<'a> Looks<'a> {
             shows: true,
             high: met.hit.point.z > *high,
             lamp: met.light.filter(|_| met.front),
+            point: met.hit.point,
+            normal: met.normal,
+            albedo: met.albedo,
+            part: met.light,
         }
     }
 
-    /// The elements that rays from a point under the face meet above it. Patches of walls are known by their parts above: of what
-    /// shows in the gap beside a pad they tell too much.
-    fn met_from(&self, at: Vec2, point: Vec3, normal: Vec3) -> Vec<usize> {
-        let sampler = Sampler::new(0x6a90, at.x.to_bits(), at.y.to_bits(), GATHERED);
+    /// Irradiance of a point straight from each light of radiance 1; of which lamp it is, is told.
+    pub fn direct(&self, point: Vec3, normal: Vec3, part: Option<usize>) -> Vec<f32> {
+        let lamps = self.lamps.iter().enumerate();
+        lamps.map(|(l, lamp)| self.world.direct(point, normal, part, l, lamp)).collect()
+    }
+
+    /// How high a point is over the untouched pad, mm.
+    pub fn over_face(&self, point: Vec3) -> f32 {
+        point.z - (self.high - DIRECT_LIFT_MM[1])
+    }
+
+    /// What rays from a point meet above the face. Patches of walls are known by their parts above: of what shows in the gap
+    /// beside a pad they tell too much. Those of a lamp that stands on the pad are lit unevenly: the more, the nearer to its foot.
+    fn met_from(&self, at: Vec2, point: Vec3, normal: Vec3, rays: u32) -> Vec<Met> {
+        let sampler = Sampler::new(0x6a90, at.x.to_bits(), at.y.to_bits(), rays);
         let start = point + normal * self.world.offset;
-        (0..GATHERED)
+        (0..rays)
             .filter_map(|i| {
                 let [a, b, ..] = sampler.group(i, 0);
                 let met = self.world.trace(start, cosine(normal, a, b))?;
-                (!(self.buried)(met.hit.point)).then_some(met.element)
+                (!(self.buried)(met.hit.point)).then_some(met)
             })
             .collect()
+    }
+
+    /// What is sent by what a ray met, in a light: near by, what comes straight from the light is that of the very point.
+    fn radiance(&self, met: &Met, l: usize) -> Vec3 {
+        let Self { world, solved, lamps, .. } = self;
+        if !self.gathers || met.hit.t > NEAR * world.patch_mm {
+            return solved.radiance(met.element, l);
+        }
+        let direct = world.direct(met.hit.point, met.normal, met.light, l, &lamps[l]);
+        met.albedo * (FRAC_1_PI * direct) + solved.shown(met.element, l)
     }
 }
 
 /// Rays from a point under the face.
 const GATHERED: u32 = 16;
+/// Rays from a point of a lamp at a corner of pixels, and at one of a pixel's samples.
+const RAYS: u32 = 64;
+pub const SAMPLE_RAYS: u32 = 8;
+/// What is so near, in edges of a patch, is lit more unevenly than patches tell.
+const NEAR: f32 = 3.0;
+/// Fewest events of a scene in which one more or less does not count.
+const LEAST_EVENTS: u32 = 5;
 
 /// Inverse depth by corner, and radiance by light and corner; empty where there is nothing.
 pub fn by_light(corners: &[Look], lights: usize) -> (Vec<f32>, Vec<Vec<Vec3>>) {

@@ -9,6 +9,7 @@ use super::bounce::{self, Cell, Cells, Untouched};
 use super::cover::Laid;
 use super::desk::Row;
 use super::gains::Gains;
+use super::glow::Pressed;
 use super::horizon::{Heights, slope_of, squeezed};
 use super::lanes::{Vectors, WIDTH, with_widest};
 use super::raster::{Sample, corners};
@@ -68,8 +69,12 @@ pub struct Pictures {
     pub echoed: f64,
     /// Rms over the face of |n - n0|^2, which tells how steep the press made it.
     pub steepness: f64,
-    /// Whether some of the pad is beyond the plane of a light.
-    pub sided: bool,
+    /// Where some of the pad is beyond the plane of a light: the least part that is before one.
+    pub sided: Option<f64>,
+    /// Sum over pixels and channels of the squares of what the press changed in the light on fixed parts (of the first picture).
+    pub glowed: f64,
+    /// The same of what is wrong at the feet of lamps.
+    pub feet: f64,
     /// Sum over pixels and channels of the variances of what mixed pixels are means of (of the first picture).
     pub spread: f64,
 }
@@ -180,6 +185,7 @@ impl Frame<'_> {
         let cells = whole;
         let mut all: Vec<Film> = films.into_iter().map(|pixels| Film { width, height, pixels }).collect();
         let (mut bounced, mut echoed) = (0.0, 0.0);
+        let mut glows: Vec<Vec<Vec3>> = Vec::new();
         if self.effort.bounce {
             let albedo = match self.albedo {
                 Albedo::Constant(albedo) => *albedo,
@@ -218,11 +224,30 @@ impl Frame<'_> {
                 ground: Vec3::from(grounds[film].at(p.with_z(f32::MIN))),
             };
             let changes = cells.changes(untouched, |p| self.once.total.rest_normal(p));
+            let pressed = Pressed {
+                view: &self.once.view,
+                heights: self.heights,
+                level: self.once.level(),
+                albedo,
+                columns: size[0],
+                cell_px,
+                edge_mm,
+                cells: cells.cells,
+                lights: &lights,
+                gains: &changes.gains,
+                grounds,
+                skylines,
+                sources: &self.once.sources,
+                radiances: &self.once.radiances,
+            };
+            glows = pressed.changes(&self.once.tables.glow);
             let lifts: Vec<f32> = cells.cells.iter().map(|c| c.position.z / c.count.max(1e-6)).collect();
             echoed = changes.echoed;
+            let hidden = self.hidden();
             for (k, (film, gains)) in all.iter_mut().zip(&changes.gains).enumerate() {
-                let (lifts, flanks, splits, columns) = (&lifts, &is_flank, &splits, size[0]);
-                let gains = Gains { gains, lifts, flanks, columns, cell_px, splits };
+                let (lifts, flanks, columns) = (&lifts, &is_flank, size[0]);
+                let (splits, hidden) = (&splits, &hidden);
+                let gains = Gains { gains, lifts, flanks, columns, cell_px, splits, hidden };
                 let veil = |x: usize, y: usize| self.once.veil(k, lights.len(), x, y);
                 bounced = gains.apply(film, k, |x, y| self.height_mm(x, y), veil);
             }
@@ -237,14 +262,48 @@ impl Frame<'_> {
             let laid = covers.lay(film, &Laid { light, parts: &parts }, veil);
             spread += if k == 0 { laid } else { 0.0 };
         }
+        let [glowed, feet] = self.add_glow(&mut all, &glows, &parts);
         Pictures {
             films: all,
             bounced,
             echoed,
             steepness: steepness(&cells, |p| once.total.rest_normal(p)),
-            sided: !self.sided.is_empty(),
+            sided: self.sided.iter().map(|l| self.faced(&nodes, *l)).reduce(f64::min),
+            glowed,
+            feet,
             spread,
         }
+    }
+
+    /// Adds what the press changes in the light on fixed parts, by picture and spot, to the pixels that show them. The sums over
+    /// pixels and channels of the squares of what that is in the first picture, and of what is wrong at the feet of lamps. `parts`
+    /// are those of the covers.
+    fn add_glow(&self, films: &mut [Film], glows: &[Vec<Vec3>], parts: &[[f32; 2]]) -> [f64; 2] {
+        let tables = &self.once.tables;
+        let (columns, level) = (self.once.view.corners()[0], self.once.level());
+        let [mut squares, mut feet] = [0.0; 2];
+        // Both are in the order of pixels.
+        let mut covered = tables.covers.pixels.iter().zip(parts).peekable();
+        for &[pixel, spot] in &tables.glow.pixels {
+            while covered.next_if(|(k, _)| **k < pixel).is_some() {}
+            let (at, spot) = (pixel as usize, spot as usize);
+            let part = match covered.peek() {
+                Some((k, [_, fixed])) if **k == pixel => *fixed,
+                _ => {
+                    let (x, y) = (at % (columns - 1), at / (columns - 1));
+                    let four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
+                    0.25 * four.iter().filter(|(x, y)| self.corner(*x, *y).is_none()).count() as f32
+                }
+            };
+            let foot = tables.glow.spots[spot].foot_error(level);
+            feet += f64::from((films[0].pixels[at] * foot).length_squared());
+            for (k, (film, glow)) in films.iter_mut().zip(glows).enumerate() {
+                let add = (glow[spot] * part).max(-film.pixels[at]);
+                film.pixels[at] += add;
+                squares += if k == 0 { f64::from(add.length_squared()) } else { 0.0 };
+            }
+        }
+        [squares, feet]
     }
 
     /// By picture: what groups of walls lose of the lights to the pad.
@@ -275,6 +334,21 @@ impl Frame<'_> {
         (usual / finer, finer)
     }
 
+    /// By pixel: whether something fixed is before the pad at all its corners; empty where nothing fixed shows. (Of one that
+    /// it covers in part the picture has at first what is the pad's.)
+    fn hidden(&self) -> Vec<bool> {
+        if self.once.tables.fixed.is_empty() {
+            return Vec::new();
+        }
+        let [width, height] = self.once.view.corners().map(|n| n - 1);
+        let hidden = |k: usize| {
+            let (x, y) = (k % width, k / width);
+            let four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
+            four.iter().all(|(x, y)| self.corner(*x, *y).is_none()) && self.once.tables.covers.at(k).is_none()
+        };
+        (0..width * height).into_par_iter().with_min_len(4096).map(hidden).collect()
+    }
+
     /// How high what the corners of a pixel see of the pad is in the mean, mm, over the level of the view.
     fn height_mm(&self, x: usize, y: usize) -> Option<f32> {
         let (width, eye_mm) = (self.once.view.camera.width, self.once.view.camera.origin.z);
@@ -302,6 +376,12 @@ impl Frame<'_> {
         // Of several pictures each has its part.
         let films = slots.films as f32;
         sum / (count.max(1.0) * films)
+    }
+
+    /// The part of the nodes that are before a light.
+    fn faced(&self, nodes: &[f32], l: usize) -> f64 {
+        let seen = || nodes.chunks_exact(self.slots.stride()).filter(|n| !n[POSITION].is_nan());
+        seen().filter(|n| n[self.slots.gain(l)] > 0.0).count() as f64 / seen().count().max(1) as f64
     }
 
     /// Lights that some nodes face and others do not.

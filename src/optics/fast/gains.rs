@@ -46,6 +46,8 @@ pub struct Gains<'a> {
     pub cell_px: usize,
     /// By row of nodes.
     pub splits: &'a [Vec<Split>],
+    /// By pixel: whether it shows nothing of the pad, whose gains are not for it. Empty where all do.
+    pub hidden: &'a [bool],
 }
 
 impl Gains<'_> {
@@ -108,7 +110,11 @@ impl Gains<'_> {
             levels[split.pixel[0]] = Some(split.level_mm);
         }
         let mut sum = 0.0;
+        let hidden = self.hidden.get(y * row.len()..).unwrap_or_default();
         for (x, pixel) in row.iter_mut().enumerate() {
+            if hidden.get(x).is_some_and(|hidden| *hidden) {
+                continue;
+            }
             let (i, s) = across(x);
             let mut gain = column[i].lerp(column[(i + 1).min(nx - 1)], s);
             if torn[i] {

@@ -2,6 +2,7 @@
 
 use super::cover::{Covers, SAMPLES};
 use super::echo::Echo;
+use super::glow::{Glow, Spot};
 use super::grid::{Grid, Places};
 use super::wall_shadow::Low;
 use super::{Precomputed, Tables};
@@ -9,7 +10,7 @@ use crate::optics::{Albedo, Material, Mesh, Role, Scene};
 use glam::{Vec2, Vec3};
 
 /// Changes whenever tables of the same scene would be worked out differently, or are written differently.
-const FORMAT: u32 = 12;
+const FORMAT: u32 = 13;
 
 /// The hash of everything that the tables follow from.
 pub fn key(scene: &Scene) -> [u8; 32] {
@@ -89,6 +90,13 @@ pub fn encode(tables: &Tables) -> Vec<u8> {
     for vectors in tables.fixed_lights.iter().chain(&tables.covers.lights).chain(&tables.veils) {
         words(&mut out, &mut vectors.iter().flat_map(|v| v.to_array()));
     }
+    words(&mut out, &mut tables.glow.pixels.iter().flatten().map(|k| *k as f32));
+    let numbers_of = |spot: &Spot| {
+        let nine = [spot.point, spot.normal, spot.albedo].map(|v| v.to_array());
+        let shines = [f32::from(u8::from(spot.shines))];
+        nine.as_flattened().iter().chain(&shines).chain(&spot.direct).copied().collect::<Vec<f32>>()
+    };
+    words(&mut out, &mut tables.glow.spots.iter().flat_map(numbers_of));
     if let Some(echo) = &tables.echo {
         let (numbers, nodes, rest) = echo.places.parts();
         words(
@@ -129,6 +137,7 @@ pub fn decode(bytes: &[u8]) -> Option<Tables> {
     let cover_lights = (0..lights).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
     let covers = Covers { pixels, values, lights: cover_lights };
     let veils = (0..veils as usize).map(|_| reader.vectors()).collect::<Option<Vec<_>>>()?;
+    let glow = reader.glow(lights)?;
     let echo = if reader.bytes.is_empty() { None } else { Some(reader.echo(lights)?) };
     reader.bytes.is_empty().then_some(Tables {
         direct,
@@ -137,6 +146,7 @@ pub fn decode(bytes: &[u8]) -> Option<Tables> {
         fixed,
         fixed_lights,
         covers,
+        glow,
         veils,
         echo,
     })
@@ -157,6 +167,19 @@ impl Reader<'_> {
 
     fn vectors(&mut self) -> Option<Vec<Vec3>> {
         Some(self.words()?.chunks_exact(3).map(Vec3::from_slice).collect())
+    }
+
+    fn glow(&mut self, lights: usize) -> Option<Glow> {
+        let pixels = self.words()?.as_chunks::<2>().0.iter().map(|pair| pair.map(|k| k as u32)).collect();
+        let spots = self.words()?;
+        let spots = spots.chunks_exact(10 + lights).map(|n| Spot {
+            point: Vec3::from_slice(n),
+            normal: Vec3::from_slice(&n[3..]),
+            albedo: Vec3::from_slice(&n[6..]),
+            shines: n[9] > 0.0,
+            direct: n[10..].to_vec(),
+        });
+        Some(Glow { pixels, spots: spots.collect() })
     }
 
     fn echo(&mut self, lights: usize) -> Option<Echo> {

@@ -4,7 +4,7 @@ use super::frame::{self, Effort, Frame};
 use super::horizon::Heights;
 use super::raster::{self, Projected};
 use super::slots::Slots;
-use super::suited::{lattice_of, pad_of, same_but_pad_mesh, unsupported};
+use super::suited::{lattice_of, lights_off_face, pad_of, same_but_pad_mesh, unsupported};
 use super::view::View;
 use super::{DIRECT_LIFT_MM, Precomputed};
 use crate::optics::basis::LightBasis;
@@ -75,6 +75,7 @@ impl<'a> Renderer<'a> {
         effort.bounce = scene.max_events > 1 && !dark;
         let heights = Heights::of(&pad.mesh, lattice, effort.cell);
         effort.sparse &= !heights.has_sharp_rims();
+        lights_off_face(&scene.lights, &once.view, once.pixel_mm, heights.extent(), |p| heights.at(p))?;
         Ok(Self { once, mesh: pad.mesh.clone(), lattice, albedo: albedo.clone(), heights, effort, tolerance })
     }
 
@@ -171,6 +172,8 @@ impl<'a> Renderer<'a> {
             // Errors of neighbours average out over a pixel, changes do not.
             pictures.spread /= (grain * grain).pow(2) as f64;
             pictures.bounced /= (grain * grain) as f64;
+            pictures.glowed /= (grain * grain) as f64;
+            pictures.feet /= (grain * grain) as f64;
         }
         pictures
     }

@@ -71,8 +71,16 @@ pub fn losses(echo: &Echo, sources: &[Source], heights: &Heights) -> Vec<Vec<f32
     losses
 }
 
+/// Whether a press may throw its shadow on a point over the untouched face, mm.
+pub fn may_hide(point: Vec3, face_mm: f32, heights: &Heights) -> bool {
+    // Behind the pad itself nothing is seen that could be missed.
+    (face_mm + OVER_MM..face_mm + LOW_MM).contains(&point.z)
+        && heights.rises_above(face_mm + LEAST_MM)
+        && heights.at(point.truncate()) <= point.z
+}
+
 /// The part of a light that the pad hides from a point.
-fn hidden(source: &Source, point: Vec3, heights: &Heights) -> f32 {
+pub fn hidden(source: &Source, point: Vec3, heights: &Heights) -> f32 {
     let lines = source.seen(point, None);
     let (mut sum, mut count) = (0.0, 0.0);
     for line in lines.iter().step_by(COARSE) {
