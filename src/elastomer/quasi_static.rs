@@ -11,7 +11,7 @@
 //! A path is followed in increments ([`level`]), first on coarse grids, whose answers are the guesses of finer ones
 //! ([`cascade`], [`bridge`]); what an increment leaves behind is the displacement and, with friction, the anchors of
 //! the points that touch; a capture shows the face finer than its splines (`relief`). Nothing is computed before the
-//! first touch. An increment that does not converge is halved, and given up with a typed error in the end. What an
+//! first touch, and threads stay awake while something is (`wakeful`). An increment that does not converge is halved, and given up with a typed error in the end. What an
 //! answer lacks it states ([`level`], [`probe`], [`symmetry`]), and where that is too much, finer cells are tried
 //! (`refinement`).
 
@@ -44,6 +44,7 @@ pub mod resolution;
 pub mod springs;
 pub mod stack;
 pub mod symmetry;
+mod wakeful;
 pub mod waves;
 
 use super::interrupt::Interrupt;
@@ -59,6 +60,7 @@ use relief::Splined;
 pub use resolution::Resolution;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use wakeful::wakeful;
 
 /// A pad that follows an indenter through equilibria.
 ///
@@ -110,7 +112,7 @@ impl QuasiStaticSolver {
         let size = [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm];
         let resolution = Resolution::for_tolerance(settings.tolerance).for_body(indenter.as_ref(), size);
         let wanted = refinement::wanted(settings.tolerance);
-        rayon::scope(|_| Self::build(pad, settings, resolution, Some(wanted), indenter, start))
+        wakeful(|| Self::build(pad, settings, resolution, Some(wanted), indenter, start))
     }
 
     /// As [`Self::new`], with the resolution given instead of derived from the tolerance, and kept whatever comes.
@@ -124,7 +126,7 @@ impl QuasiStaticSolver {
         indenter: Arc<dyn Indenter>,
         start: &Pose,
     ) -> Result<Self, Error> {
-        rayon::scope(|_| Self::build(pad, settings, resolution, None, indenter, start))
+        wakeful(|| Self::build(pad, settings, resolution, None, indenter, start))
     }
 
     fn build(
@@ -263,13 +265,12 @@ impl QuasiStaticSolver {
 }
 
 impl Elastomer for QuasiStaticSolver {
-    // On a thread of the pool: from any other, every parallel loop would wait for one to wake.
     fn advance(&mut self, pose: &Pose) -> Result<(), Error> {
-        rayon::scope(|_| self.go_to(pose))
+        wakeful(|| self.go_to(pose))
     }
 
     fn capture(&mut self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
-        let mut capture = rayon::scope(|_| self.face(nx, ny))?;
+        let mut capture = wakeful(|| self.face(nx, ny))?;
         // The coarser grids have worked for this answer, too.
         let mut sums = std::mem::take(&mut self.spent);
         for (sum, n) in sums.iter_mut().zip(take_counters(&mut self.levels)) {
