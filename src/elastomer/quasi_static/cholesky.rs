@@ -54,28 +54,62 @@ struct Factor<'a> {
 
 impl Factor<'_> {
     /// Factors the triangle of a block and gives its inverse, transposed: `[column][row]`.
-    fn triangle(&mut self, from: usize, to: usize) -> [[f32; BLOCK]; BLOCK] {
-        let s = self.stride;
-        for i in from..to {
-            for j in from..=i {
-                let dot: f32 = (from..j).map(|k| self.a[i * s + k] * self.a[j * s + k]).sum();
-                let value = self.a[i * s + j];
-                self.a[i * s + j] = if i == j {
-                    (value - dot).max(LEAST_PIVOT * value.abs()).sqrt()
-                } else {
-                    (value - dot) / self.a[j * s + j]
-                };
+    #[inline(always)]
+    fn triangle<L: Lanes>(&mut self, from: usize, to: usize) -> [[f32; BLOCK]; BLOCK] {
+        let (s, n) = (self.stride, to - from);
+        // Column by column, whole ones: what stands above the diagonal is not looked at.
+        let mut columns = [[0.0; BLOCK]; BLOCK];
+        for i in 0..n {
+            for (j, column) in columns.iter_mut().enumerate().take(i + 1) {
+                column[i] = self.a[(from + i) * s + from + j];
             }
         }
+        for j in 0..n {
+            let (done, rest) = columns.split_at_mut(j + 1);
+            let column = &mut done[j];
+            let value = self.a[(from + j) * s + from + j];
+            let pivot = column[j].max(LEAST_PIVOT * value.abs()).sqrt();
+            let over = L::splat(1.0 / pivot);
+            let halves = [over.mul(L::load(&column[..])), over.mul(L::load(&column[WIDTH..]))];
+            halves[0].store(&mut column[..]);
+            halves[1].store(&mut column[WIDTH..]);
+            column[j] = pivot;
+            for (other, at) in rest.iter_mut().zip(&column[j + 1..]) {
+                let at = L::splat(*at);
+                at.fnma(halves[0], L::load(&other[..])).store(&mut other[..]);
+                at.fnma(halves[1], L::load(&other[WIDTH..])).store(&mut other[WIDTH..]);
+            }
+        }
+        for i in 0..n {
+            for (j, column) in columns.iter().enumerate().take(i + 1) {
+                self.a[(from + i) * s + from + j] = column[i];
+            }
+        }
+        // Row by row of the inverse: what the rows above have left of the unit matrix, over the diagonal.
         let mut inverse = [[0.0; BLOCK]; BLOCK];
-        for (c, column) in inverse.iter_mut().enumerate().take(to - from) {
-            for r in c..to - from {
-                let row = &self.a[(from + r) * s + from..];
-                let dot: f32 = (c..r).map(|k| row[k] * column[k]).sum();
-                column[r] = (f32::from(u8::from(r == c)) - dot) / row[r];
+        for r in 0..n {
+            inverse[r][r] = 1.0;
+        }
+        for r in 0..n {
+            let (done, rest) = inverse.split_at_mut(r + 1);
+            let row = &mut done[r];
+            let over = L::splat(1.0 / columns[r][r]);
+            let halves = [over.mul(L::load(&row[..])), over.mul(L::load(&row[WIDTH..]))];
+            halves[0].store(&mut row[..]);
+            halves[1].store(&mut row[WIDTH..]);
+            for (other, at) in rest.iter_mut().zip(&columns[r][r + 1..]) {
+                let at = L::splat(*at);
+                at.fnma(halves[0], L::load(&other[..])).store(&mut other[..]);
+                at.fnma(halves[1], L::load(&other[WIDTH..])).store(&mut other[WIDTH..]);
             }
         }
-        inverse
+        let mut transposed = [[0.0; BLOCK]; BLOCK];
+        for (r, row) in inverse.iter().enumerate() {
+            for (c, value) in row.iter().enumerate() {
+                transposed[c][r] = *value;
+            }
+        }
+        transposed
     }
 
     /// Rows from `row` on, R of them, of what remains: less the products of the panel, from column `to` up to and
@@ -115,7 +149,7 @@ impl Kernel for Factor<'_> {
         let (n, s) = (self.n, self.stride);
         for from in (0..n).step_by(BLOCK) {
             let to = (from + BLOCK).min(n);
-            let inverse = self.triangle(from, to);
+            let inverse = self.triangle::<L>(from, to);
             if to < from + BLOCK {
                 break;
             }

@@ -33,6 +33,7 @@ use crate::elastomer::Friction;
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use glam::DVec3;
+use rayon::prelude::*;
 
 /// A sample point of the face.
 #[derive(Debug, Clone)]
@@ -78,6 +79,36 @@ pub struct Active {
     /// Outward normal of the indenter.
     pub normal: DVec3,
 }
+
+/// An indenter where it is.
+struct Place<'a> {
+    indenter: &'a dyn Indenter,
+    half_extent_mm: [f64; 2],
+    pose: &'a Pose,
+    sin: f64,
+    cos: f64,
+}
+
+impl<'a> Place<'a> {
+    fn of(indenter: &'a dyn Indenter, pose: &'a Pose) -> Self {
+        let (sin, cos) = pose.theta_deg.to_radians().sin_cos();
+        Self { indenter, half_extent_mm: indenter.half_extent_mm(), pose, sin, cos }
+    }
+
+    /// A point of the pad in the indenter's frame.
+    fn in_indenter(&self, p: DVec3) -> DVec3 {
+        let (x, y) = (p.x - self.pose.x_mm, p.y - self.pose.y_mm);
+        DVec3::new(self.cos * x + self.sin * y, -self.sin * x + self.cos * y, p.z - self.pose.z_mm)
+    }
+
+    /// A direction of the indenter's in the pad's frame.
+    fn to_pad(&self, v: DVec3) -> DVec3 {
+        DVec3::new(self.cos * v.x - self.sin * v.y, self.sin * v.x + self.cos * v.y, v.z)
+    }
+}
+
+/// Points that are not worth another thread.
+const FEW: usize = 128;
 
 /// The sample points that the indenter can reach, and their present state.
 #[derive(Debug, Clone)]
@@ -209,72 +240,74 @@ impl Contacts {
 
     /// Evaluates forces and stiffness of every point at displacement `u`.
     pub fn linearise(&mut self, indenter: &dyn Indenter, pose: &Pose, u: &[f32]) {
-        let [hx, hy] = indenter.half_extent_mm();
-        let (sin, cos) = pose.theta_deg.to_radians().sin_cos();
-        let to_pad = |v: DVec3| DVec3::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y, v.z);
-        let (k, kt) = (self.stiffness, self.tangential);
         self.reach(indenter, pose, u);
         let mut active = std::mem::take(&mut self.active);
         active.clear();
         let mut samples = std::mem::take(&mut self.samples);
-        for s in &mut samples {
-            let moved = self.value(u, s.cell, s.sub);
-            let p = pose.to_indenter(s.rest + moved);
-            s.seen = p;
-            s.pressure = 0.0;
-            s.gap = f64::INFINITY;
-            // A multiplier acts across a small gap.
-            let reach = s.multiplier / k;
-            let near = p.z >= -reach && p.x.abs() <= hx + reach && p.y.abs() <= hy + reach;
-            let held = s.loaded;
-            let known = held || s.anchor.is_some() || s.pushed_by.is_some();
-            if (self.bilateral || !near) && !known {
-                continue;
-            }
-            let (gap, normal) = match s.pushed_by {
-                Some(side) => (side.gap(p), side.normal),
-                None => indenter.distance_and_normal(p),
-            };
-            s.gap = gap;
-            s.pressure = s.multiplier - k * gap;
-            let pulls = self.bilateral && held;
-            if !pulls && (s.pressure <= 0.0 || self.bilateral) {
-                s.pressure = 0.0;
-            }
-            if s.pressure == 0.0 && s.anchor.is_none_or(|a| a.bound == 0.0) {
-                continue;
-            }
-            // Normal part: p n, with stiffness k n n^T.
-            let mut force = normal * s.pressure;
-            let mut matrix = [0.0; 6];
-            if s.pressure != 0.0 {
-                add_outer(&mut matrix, normal, k);
-            }
-            if let Some(anchor) = &s.anchor {
-                // Tangential traction, capped: stiffness kt (I - n n^T) while it sticks, else the cap's own.
-                let trial = anchor.trial(p, kt);
-                let length = trial.length();
-                let part = if length >= anchor.bound { anchor.bound / length.max(1e-12) } else { 1.0 };
-                force += trial * part;
-                for v in [DVec3::X, DVec3::Y, DVec3::Z] {
-                    add_outer(&mut matrix, anchor.side.along(v), part * kt);
-                }
-                if part < 1.0 {
-                    add_outer(&mut matrix, trial / length, -part * kt);
-                }
-            }
-            let stiffness = rotate(&matrix, sin, cos).map(|v| v * s.area);
-            active.push(Active {
-                cell: s.cell,
-                sub: s.sub,
-                force: to_pad(force) * s.area,
-                position: s.rest + moved,
-                stiffness,
-                normal: to_pad(normal),
-            });
-        }
+        let at = Place::of(indenter, pose);
+        let points = samples.par_iter_mut().with_min_len(FEW);
+        active.par_extend(points.filter_map(|s| self.linearised(s, &at, u)));
         self.samples = samples;
         self.active = active;
+    }
+
+    /// Looks at a point at displacement `u`, and tells what it exchanges, if anything.
+    fn linearised(&self, s: &mut Sample, at: &Place<'_>, u: &[f32]) -> Option<Active> {
+        let (k, kt) = (self.stiffness, self.tangential);
+        let moved = self.value(u, s.cell, s.sub);
+        let p = at.in_indenter(s.rest + moved);
+        s.seen = p;
+        s.pressure = 0.0;
+        s.gap = f64::INFINITY;
+        // A multiplier acts across a small gap.
+        let reach = s.multiplier / k;
+        let [hx, hy] = at.half_extent_mm;
+        let near = p.z >= -reach && p.x.abs() <= hx + reach && p.y.abs() <= hy + reach;
+        let held = s.loaded;
+        let known = held || s.anchor.is_some() || s.pushed_by.is_some();
+        if (self.bilateral || !near) && !known {
+            return None;
+        }
+        let (gap, normal) = match s.pushed_by {
+            Some(side) => (side.gap(p), side.normal),
+            None => at.indenter.distance_and_normal(p),
+        };
+        s.gap = gap;
+        s.pressure = s.multiplier - k * gap;
+        let pulls = self.bilateral && held;
+        if !pulls && (s.pressure <= 0.0 || self.bilateral) {
+            s.pressure = 0.0;
+        }
+        if s.pressure == 0.0 && s.anchor.is_none_or(|a| a.bound == 0.0) {
+            return None;
+        }
+        // Normal part: p n, with stiffness k n n^T.
+        let mut force = normal * s.pressure;
+        let mut matrix = [0.0; 6];
+        if s.pressure != 0.0 {
+            add_outer(&mut matrix, normal, k);
+        }
+        if let Some(anchor) = &s.anchor {
+            // Tangential traction, capped: stiffness kt (I - n n^T) while it sticks, else the cap's own.
+            let trial = anchor.trial(p, kt);
+            let length = trial.length();
+            let part = if length >= anchor.bound { anchor.bound / length.max(1e-12) } else { 1.0 };
+            force += trial * part;
+            for v in [DVec3::X, DVec3::Y, DVec3::Z] {
+                add_outer(&mut matrix, anchor.side.along(v), part * kt);
+            }
+            if part < 1.0 {
+                add_outer(&mut matrix, trial / length, -part * kt);
+            }
+        }
+        Some(Active {
+            cell: s.cell,
+            sub: s.sub,
+            force: at.to_pad(force) * s.area,
+            position: s.rest + moved,
+            stiffness: rotate(&matrix, at.sin, at.cos).map(|v| v * s.area),
+            normal: at.to_pad(normal),
+        })
     }
 
     /// Whether points that carried pressure pull as well as push, and no others act.

@@ -14,7 +14,7 @@ use super::compliance::Compliance;
 use crate::elastomer::Surface;
 use crate::indenter::Indenter;
 use crate::pose::Pose;
-use glam::DVec3;
+use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 /// The lattice has at least so many points across a cell.
@@ -272,12 +272,16 @@ impl Splined<'_> {
 
     /// Whether the body stands in the face where no pressure of the splines tells of it.
     fn misses(&self, face: &Surface, window: Window) -> bool {
+        let axis = DVec2::new(self.pose.x_mm, self.pose.y_mm);
         let seen = |at: usize, axis: usize| at.wrapping_sub(window.from[axis]) < window.size[axis];
+        let [hx, hy] = self.indenter.half_extent_mm();
+        // (What lies further from its axis is not below it.)
+        let near = |p: Vec3| (p.truncate().as_dvec2() - axis).length_squared() <= hx * hx + hy * hy;
         face.positions.par_iter().with_min_len(FEW).enumerate().any(|(k, p)| {
-            let local = self.pose.to_indenter(p.as_dvec3());
             !(seen(k % face.nx, 0) && seen(k / face.nx, 1))
+                && near(*p)
                 && self.gap(p.as_dvec3()).is_some_and(|gap| gap < 0.0)
-                && self.indenter.distance(local) < -MISSED_MM
+                && self.indenter.distance(self.pose.to_indenter(p.as_dvec3())) < -MISSED_MM
         })
     }
 

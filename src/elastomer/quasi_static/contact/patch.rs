@@ -17,7 +17,7 @@ impl Contacts {
             sign[j * nx + i] = ((s.multiplier - self.stiffness * s.gap) / mean).clamp(-OUTSIDE, 1.0);
         }
         let mean_area = loaded_area / f64::from(n.max(1));
-        Patch { nx, ny, sign, area_mm2: mean_area, touches: n > 0 }
+        Patch { sign: Field::new([nx, ny], sign, |sign| sign > 0.0), area_mm2: mean_area }
     }
 }
 
@@ -30,67 +30,82 @@ impl Contacts {
             let [i, j] = self.lattice.place(a.cell, a.sub);
             pressure[j * size[0] + i] = -a.force.z / self.lattice.area_mm2;
         }
-        Loads { size, pressure }
+        Loads(Field::new(size, pressure, |pressure| pressure != 0.0))
     }
 }
 
-/// What presses the face along z, between the sample points, too.
+/// What presses the face along z, between the sample points, too: MPa on the flat.
 #[derive(Debug)]
-pub struct Loads {
-    /// Samples along x and y.
-    size: [usize; 2],
-    /// MPa on the flat.
-    pressure: Vec<f64>,
-}
+pub struct Loads(Field);
 
 impl Loads {
     /// The pressure at a place given as parts of the face's sides, 0 to 1, MPa.
     pub fn at(&self, x: f64, y: f64) -> f64 {
-        let [nx, _] = self.size;
-        between(self.size, [x, y], |i, j| self.pressure[j * nx + i])
+        self.0.at([x, y]).unwrap_or(0.0)
     }
-}
-
-/// Bilinear interpolation between samples in the middles of so many equal parts of a square, at a place of it.
-fn between(size: [usize; 2], place: [f64; 2], value: impl Fn(usize, usize) -> f64) -> f64 {
-    let [(i, a), (j, b)] = [0, 1].map(|axis| {
-        let n = size[axis];
-        let s = (place[axis] * n as f64 - 0.5).clamp(0.0, (n - 1) as f64);
-        let i = (s as usize).min(n - 2);
-        (i, s - i as f64)
-    });
-    let row = |j: usize| (1.0 - a) * value(i, j) + a * value(i + 1, j);
-    (1.0 - b) * row(j) + b * row(j + 1)
 }
 
 /// Where the face is pressed, between the sample points, too.
 #[derive(Debug)]
 pub struct Patch {
-    nx: usize,
-    ny: usize,
     /// Positive where the face is pressed; at most 1 in size.
-    sign: Vec<f64>,
+    sign: Field,
     /// Mean area of a pressed sample, mm^2.
     area_mm2: f64,
-    touches: bool,
 }
 
 impl Patch {
     /// Whether the face is pressed at a place given as parts of its sides, 0 to 1.
     pub fn contains(&self, x: f64, y: f64) -> bool {
-        if !self.touches {
-            return false;
-        }
-        between([self.nx, self.ny], [x, y], |i, j| self.sign[j * self.nx + i]) > 0.0
+        self.sign.at([x, y]).is_some_and(|sign| sign > 0.0)
     }
 
     /// Its area at rest, mm^2.
     pub fn area_mm2(&self) -> f64 {
-        let (nx, ny) = (FINER * self.nx, FINER * self.ny);
+        let [nx, ny] = self.sign.size.map(|n| FINER * n);
         let middle = |i: usize, n: usize| (i as f64 + 0.5) / n as f64;
         let in_row = |j: usize| (0..nx).filter(|i| self.contains(middle(*i, nx), middle(j, ny))).count();
         let pressed: usize = (0..ny).into_par_iter().map(in_row).sum();
         pressed as f64 * self.area_mm2 / (FINER * FINER) as f64
+    }
+}
+
+/// Values in the middles of so many equal parts of a square.
+#[derive(Debug)]
+struct Field {
+    /// Along x and y.
+    size: [usize; 2],
+    values: Vec<f64>,
+    /// The least and the greatest places along x and y that a value of interest has a part in.
+    places: [[f64; 2]; 2],
+}
+
+impl Field {
+    fn new(size: [usize; 2], values: Vec<f64>, of_interest: impl Fn(f64) -> bool) -> Self {
+        let mut places = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+        for (k, _) in values.iter().enumerate().filter(|(_, v)| of_interest(**v)) {
+            for (axis, at) in [k % size[0], k / size[0]].into_iter().enumerate() {
+                let [from, to] = [-0.5, 1.5].map(|off| (at as f64 + off) / size[axis] as f64);
+                places[axis] = [places[axis][0].min(from), places[axis][1].max(to)];
+            }
+        }
+        Self { size, values, places }
+    }
+
+    /// The bilinear interpolation at a place of the square; nothing where no value of interest has a part in it.
+    fn at(&self, place: [f64; 2]) -> Option<f64> {
+        let [nx, _] = self.size;
+        let within = |axis: usize| (self.places[axis][0]..=self.places[axis][1]).contains(&place[axis]);
+        (within(0) && within(1)).then(|| {
+            let [(i, a), (j, b)] = [0, 1].map(|axis| {
+                let n = self.size[axis];
+                let s = (place[axis] * n as f64 - 0.5).clamp(0.0, (n - 1) as f64);
+                let i = (s as usize).min(n - 2);
+                (i, s - i as f64)
+            });
+            let row = |j: usize| (1.0 - a) * self.values[j * nx + i] + a * self.values[j * nx + i + 1];
+            (1.0 - b) * row(j) + b * row(j + 1)
+        })
     }
 }
 
