@@ -22,12 +22,12 @@ use std::time::Instant;
 const START_DEPTH_MM: f64 = 0.3;
 
 /// Flops of a pass per particle, grid and contact included, whole registers counted: of the sixteen lanes of a stencil's row
-/// twelve or nine are used. Counted by the test below on the lattice of the paper (1671 and 1582); small pads have more,
+/// twelve or nine are used. Counted by the test below on the lattice of the paper (1685 and 1596); small pads have more,
 /// because their blocks are not full, and large strains a little more, because the stretch takes more iterations.
 fn flops_per_particle_step(law: Law) -> f64 {
     match law {
-        Law::FixedCorotated => 1670.0,
-        Law::NeoHookean => 1580.0,
+        Law::FixedCorotated => 1690.0,
+        Law::NeoHookean => 1600.0,
     }
 }
 
@@ -251,9 +251,9 @@ mod tests {
             let done = super::super::lanes::counted::take() as f64;
             let each = done / (solver.tally.passes - passes) as f64 / solver.body.len() as f64;
             let stated = flops_per_particle_step(law);
-            // An eleventh of the paper's pad: its edges cost a tenth more.
+            // An eleventh of the paper's pad under the same ball: that and the edges cost a fifth more.
             let more = each / stated;
-            assert!(more > 1.0 && more < 1.12, "{law:?}: {each} counted, {stated} stated");
+            assert!(more > 1.0 && more < 1.2, "{law:?}: {each} counted, {stated} stated");
         }
     }
 

@@ -3,18 +3,19 @@
 //! Every phase is a parallel loop over blocks that writes only what belongs to the block, and every sum
 //! over blocks is taken in the order of the blocks, so a run does not depend on the number of threads.
 
-use super::cloud::{Cloud, ScatterCloud};
+use super::cloud::{Cloud, CloudStep, ScatterCloud};
 use super::grid::{BLOCK, Grid, Nodes, TILE, TILE_LAYER, Tile, home, tile_position};
 use super::lanes::Isa;
 use super::particles::{Bin, Moving, Particle};
 use super::scheme::Scheme;
 use super::spline::weights_of;
-use super::transfer::{Arrive, Elastic, Pass, Report};
+use super::transfer::{Arrive, Elastic, Next, Pass, Report};
 use super::update::{Exchange, Update};
 use crate::elastomer::settings::Base;
 use crate::pose::Pose;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
+use std::ptr::null;
 
 /// Space around the pad into which its material may move, as a part of its thickness.
 const MARGIN_PER_THICKNESS: f64 = 1.0;
@@ -194,16 +195,9 @@ impl Body {
     /// Puts the indenter's momentum on the grid; it stays there for every pass of a step.
     pub fn scatter_cloud(&mut self, cloud: &Cloud, from: &Pose, to: &Pose) {
         let (grid, isa) = (&self.grid, self.isa);
+        let step = CloudStep::new(cloud, from, to, grid.lower_mm, grid.dx_mm);
         self.cloud_tiles.par_iter_mut().zip(&grid.places).for_each(|(tile, place)| {
-            isa.run(ScatterCloud {
-                cloud,
-                from,
-                to,
-                lower_mm: grid.lower_mm,
-                dx_mm: grid.dx_mm,
-                origin: place.origin(),
-                tile,
-            });
+            isa.run(ScatterCloud { step: &step, origin: place.origin(), tile });
         });
     }
 
@@ -234,16 +228,23 @@ impl Body {
     /// Grid to particles and back; with `advance` the particles move on and find their new cells.
     pub fn pass(&mut self, advance: bool) -> Result<(), Fault> {
         let (isa, base, elastic, nodes) = (self.isa, self.base, self.elastic(), &self.nodes);
+        let next = |slot: usize| Next {
+            tile: self.tiles.get(slot).and_then(Option::as_ref).map_or(null(), |t| t.0.as_ptr()),
+            nodes: nodes.get(slot).map_or(null(), |n| n.0.as_ptr()),
+            batches: self.bins.get(slot).map_or(null(), |bin| bin.batches.as_ptr().cast()),
+        };
+        let nexts: Vec<Next> = (0..self.bins.len()).map(|slot| next(slot + 1)).collect();
         let reports: Vec<Report> = self
             .bins
             .par_iter_mut()
             .zip(&mut self.tiles)
             .zip(&self.grid.places)
+            .zip(&nexts)
             .map_init(
                 || Box::new(Tile::zero()),
-                |velocities, ((bin, tile), place)| match tile {
+                |velocities, (((bin, tile), place), &next)| match tile {
                     Some(tile) => {
-                        isa.run(Pass { place, nodes, bin, tile, velocities, elastic, base, advance })
+                        isa.run(Pass { place, nodes, bin, tile, velocities, next, elastic, base, advance })
                     }
                     None => Report::default(),
                 },

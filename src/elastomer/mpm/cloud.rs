@@ -9,16 +9,18 @@
 //! Points are kept in buckets of the indenter's own frame. Each block of the grid asks for the points in
 //! its cells, so a moving and turning cloud needs no sorting, and blocks away from the pad never ask.
 
-use super::grid::{BLOCK, TILE, TILE_LAYER, Tile};
+use super::grid::{BLOCK, Tile, tile_node};
 use super::lanes::{Kernel, Lanes, Row, WIDTH};
-use super::spline::weights_of;
+use super::spline::AlongX;
+use super::transfer::{Between, Motion, scatter_batch};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
-use glam::DVec3;
-use std::collections::BTreeMap;
+use glam::{DVec3, IVec3};
 
 /// Thickness of the sampled shell, grid cells.
 const SHELL_CELLS: f64 = 2.0;
+/// Side of a bucket, grid cells: smaller ones leave more lanes of batches empty, larger ones reach further beyond a block.
+const SIDE_CELLS: f64 = 2.0;
 
 /// Sixteen points, indenter frame, mm; those beyond `len` lie nowhere near.
 #[derive(Debug, Clone)]
@@ -32,9 +34,7 @@ struct Points {
 /// The sampled indenter.
 #[derive(Debug)]
 pub struct Cloud {
-    /// Side of a bucket, mm.
-    side_mm: f64,
-    buckets: BTreeMap<[i32; 3], Vec<Points>>,
+    buckets: Buckets,
     /// Box around all points, indenter frame, mm.
     bounds: [DVec3; 2],
     /// How many points.
@@ -85,22 +85,10 @@ impl Cloud {
         let half_way = face().map(|p| p.truncate().length()).fold(0.0, f64::max) / 2.0;
         let off = |p: &DVec3| (p.truncate().length() - half_way).abs();
         let lowest = *face().min_by(|p, q| off(p).total_cmp(&off(q)))?;
-        let side_mm = dx_mm * BLOCK[0] as f64;
-        let mut sorted: BTreeMap<[i32; 3], Vec<DVec3>> = BTreeMap::new();
-        for p in &points {
-            sorted.entry((*p / side_mm).floor().as_ivec3().to_array()).or_default().push(*p);
-        }
-        let pack = |chunk: &[DVec3]| {
-            let row = |c: fn(&DVec3) -> f64| {
-                Row(std::array::from_fn(|i| chunk.get(i).map_or(1e6, |p| c(p) as f32)))
-            };
-            Points { x: row(|p| p.x), y: row(|p| p.y), z: row(|p| p.z), len: chunk.len() }
-        };
-        let buckets =
-            sorted.into_iter().map(|(key, list)| (key, list.chunks(WIDTH).map(pack).collect())).collect();
+        let buckets = Buckets::of(&points, dx_mm);
         let radius_mm = points.iter().map(|p| p.truncate().length()).fold(0.0, f64::max);
         let bounds = points.iter().fold([lowest, lowest], |[lo, hi], p| [lo.min(*p), hi.max(*p)]);
-        Some(Self { side_mm, buckets, bounds, len: points.len(), lowest, radius_mm })
+        Some(Self { buckets, bounds, len: points.len(), lowest, radius_mm })
     }
 
     /// Every point, indenter frame, mm.
@@ -108,25 +96,77 @@ impl Cloud {
         let of = |b: &Points| -> Vec<DVec3> {
             (0..b.len).map(|i| glam::Vec3::new(b.x.0[i], b.y.0[i], b.z.0[i]).as_dvec3()).collect()
         };
-        self.buckets.values().flatten().flat_map(of).collect()
+        self.buckets.batches.iter().flat_map(of).collect()
     }
 
-    /// The batches whose buckets can reach into the box of half sides `half_mm` around a point of the pad frame.
-    fn near(&self, pose: &Pose, centre_mm: DVec3, half_mm: DVec3) -> impl Iterator<Item = &Points> {
-        let middle = pose.to_indenter(centre_mm);
-        let (s, c) = pose.theta_deg.to_radians().sin_cos();
-        let (s, c) = (s.abs(), c.abs());
-        let half = DVec3::new(c * half_mm.x + s * half_mm.y, s * half_mm.x + c * half_mm.y, half_mm.z);
+    /// The batches whose buckets can reach into a box of the indenter's frame.
+    fn within(&self, lower: DVec3, upper: DVec3) -> impl Iterator<Item = &Points> {
         // Only the part of the box where points are; far from the cloud that is empty.
-        let lo = ((middle - half).max(self.bounds[0]) / self.side_mm).floor().as_ivec3();
-        let hi = (middle + half).min(self.bounds[1]);
-        let far = hi.cmplt((middle - half).max(self.bounds[0])).any();
-        let hi = (hi / self.side_mm).floor().as_ivec3()
-            - if far { glam::IVec3::MAX / 2 } else { glam::IVec3::ZERO };
-        (lo.z..=hi.z).flat_map(move |z| {
-            (lo.y..=hi.y)
-                .flat_map(move |y| (lo.x..=hi.x).filter_map(move |x| self.buckets.get(&[x, y, z])).flatten())
+        let (lower, upper) = (lower.max(self.bounds[0]), upper.min(self.bounds[1]));
+        let far = upper.cmplt(lower).any();
+        (!far).then(|| self.buckets.within(lower, upper)).into_iter().flatten()
+    }
+}
+
+/// Points by cubes of the indenter's frame, x running fastest.
+#[derive(Debug)]
+struct Buckets {
+    /// Side of a cube, mm.
+    side_mm: f64,
+    /// The first cube, and how many there are along each axis.
+    first: IVec3,
+    count: IVec3,
+    /// Where the points of each cube begin, and where those of the last end.
+    begins: Vec<usize>,
+    batches: Vec<Points>,
+}
+
+impl Buckets {
+    fn of(points: &[DVec3], dx_mm: f64) -> Self {
+        let side_mm = dx_mm * SIDE_CELLS;
+        let cube = |p: &DVec3, side: f64| (*p / side).floor().as_ivec3();
+        let first = points.iter().map(|p| cube(p, side_mm)).reduce(IVec3::min).unwrap_or_default();
+        let last = points.iter().map(|p| cube(p, side_mm)).reduce(IVec3::max).unwrap_or_default();
+        let count = last - first + IVec3::ONE;
+        let mut lists: Vec<Vec<DVec3>> = vec![Vec::new(); count.element_product() as usize];
+        for p in points {
+            lists[index(cube(p, side_mm) - first, count)].push(*p);
+        }
+        let (mut begins, mut batches) = (Vec::new(), Vec::new());
+        for mut list in lists {
+            begins.push(batches.len());
+            // Those of one cell of the grid stay together, as a rule: see [`super::body::Body`]'s own order.
+            list.sort_by_key(|p| cube(p, dx_mm).to_array());
+            batches.extend(list.chunks(WIDTH).map(Points::of));
+        }
+        begins.push(batches.len());
+        Self { side_mm, first, count, begins, batches }
+    }
+
+    /// The batches of the cubes that a box meets, which lies within the box around all points.
+    fn within(&self, lower: DVec3, upper: DVec3) -> impl Iterator<Item = &Points> {
+        let cube = |p: DVec3| {
+            ((p / self.side_mm).floor().as_ivec3() - self.first).clamp(IVec3::ZERO, self.count - IVec3::ONE)
+        };
+        let (lo, hi) = (cube(lower), cube(upper));
+        (lo.z..=hi.z).flat_map(move |z| (lo.y..=hi.y).map(move |y| (y, z))).flat_map(move |(y, z)| {
+            let at = |x: i32| index(IVec3::new(x, y, z), self.count);
+            &self.batches[self.begins[at(lo.x)]..self.begins[at(hi.x) + 1]]
         })
+    }
+}
+
+/// Where a cube comes among `count`.
+fn index(cube: IVec3, count: IVec3) -> usize {
+    ((cube.z * count.y + cube.y) * count.x + cube.x) as usize
+}
+
+impl Points {
+    /// At most sixteen.
+    fn of(chunk: &[DVec3]) -> Self {
+        let row =
+            |c: fn(&DVec3) -> f64| Row(std::array::from_fn(|i| chunk.get(i).map_or(1e6, |p| c(p) as f32)));
+        Points { x: row(|p| p.x), y: row(|p| p.y), z: row(|p| p.z), len: chunk.len() }
     }
 }
 
@@ -143,18 +183,57 @@ fn on_or_below(indenter: &dyn Indenter, p: DVec3, spacing_mm: f64, shell_mm: f64
     Some(p - normal * d)
 }
 
-/// The indenter's motion over one step, as one block sees it.
+/// Where a pose puts points of the indenter's frame, in cells of the grid.
+#[derive(Debug, Clone, Copy)]
+struct Placed {
+    /// Cosine and sine over the cell width, 1/mm.
+    cos: f64,
+    sin: f64,
+    /// Of the origin.
+    shift: [f64; 3],
+}
+
+impl Placed {
+    fn new(pose: &Pose, lower_mm: [f64; 3], dx_mm: f64) -> Self {
+        let (s, c) = pose.theta_deg.to_radians().sin_cos();
+        let shift = [pose.x_mm, pose.y_mm, pose.z_mm];
+        let shift = std::array::from_fn(|d| (shift[d] - lower_mm[d]) / dx_mm);
+        Self { cos: c / dx_mm, sin: s / dx_mm, shift }
+    }
+}
+
+/// The indenter's motion over one step.
+#[derive(Debug)]
+pub struct CloudStep<'a> {
+    cloud: &'a Cloud,
+    /// At the beginning and at the end.
+    from: Placed,
+    to: Placed,
+    dx_mm: f64,
+}
+
+impl<'a> CloudStep<'a> {
+    /// From one pose to another, on a grid whose node (0, 0, 0) lies at `lower_mm` in the pad frame.
+    pub fn new(cloud: &'a Cloud, from: &Pose, to: &Pose, lower_mm: [f64; 3], dx_mm: f64) -> Self {
+        let placed = |pose: &Pose| Placed::new(pose, lower_mm, dx_mm);
+        Self { cloud, from: placed(from), to: placed(to), dx_mm }
+    }
+
+    /// The points that can lie, at the beginning, in a box of the grid given by its middle and half its sides, cells.
+    fn near(&self, middle: DVec3, half: DVec3) -> impl Iterator<Item = &Points> {
+        let (c, s) = (self.from.cos * self.dx_mm, self.from.sin * self.dx_mm);
+        let p = middle - DVec3::from_array(self.from.shift);
+        let middle = DVec3::new(c * p.x + s * p.y, c * p.y - s * p.x, p.z) * self.dx_mm;
+        let (c, s) = (c.abs(), s.abs());
+        let half = DVec3::new(c * half.x + s * half.y, s * half.x + c * half.y, half.z) * self.dx_mm;
+        self.cloud.within(middle - half, middle + half)
+    }
+}
+
+/// The indenter's motion as one block sees it.
 pub struct ScatterCloud<'a> {
-    /// The points.
-    pub cloud: &'a Cloud,
-    /// Pose at the beginning of the step.
-    pub from: &'a Pose,
-    /// Pose at its end.
-    pub to: &'a Pose,
-    /// Position of the grid's node (0, 0, 0), pad frame, mm.
-    pub lower_mm: [f64; 3],
-    /// Cell width, mm.
-    pub dx_mm: f64,
+    /// What moves.
+    pub step: &'a CloudStep<'a>,
     /// First cell of the block.
     pub origin: [i32; 3],
     /// The tile to fill, kept from step to step; `None` when no point is near.
@@ -167,29 +246,21 @@ impl Kernel for ScatterCloud<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         // The lower corners of stencils in the block belong to points half a cell further up.
-        let half = DVec3::from_array(BLOCK.map(|b| 0.5 * b as f64 * self.dx_mm));
-        let origin = DVec3::from_array(self.origin.map(|o| f64::from(o) + 0.5));
-        let centre = DVec3::from_array(self.lower_mm) + origin * self.dx_mm + half;
-        // Position in cells and displacement per step are affine in the indenter's coordinates.
-        let affine = |pose: &Pose| {
-            let (s, c) = pose.theta_deg.to_radians().sin_cos();
-            let shift = [pose.x_mm, pose.y_mm, pose.z_mm];
-            (
-                c / self.dx_mm,
-                s / self.dx_mm,
-                std::array::from_fn::<f64, 3, _>(|d| (shift[d] - self.lower_mm[d]) / self.dx_mm),
-            )
-        };
-        let (c0, s0, t0) = affine(self.from);
-        let (c1, s1, t1) = affine(self.to);
+        let half = DVec3::from_array(BLOCK.map(|b| 0.5 * b as f64));
+        let middle = DVec3::from_array(self.origin.map(|o| f64::from(o) + 0.5)) + half;
+        let CloudStep { from, to, dx_mm, .. } = *self.step;
         let fill = |x: f64| L::fill(x as f32);
+        let (cos, sin, per_mm) = (fill(from.cos), fill(from.sin), fill(1.0 / dx_mm));
+        let (cos_more, sin_more) = (fill(to.cos - from.cos), fill(to.sin - from.sin));
+        let (along_x, mut between) = (AlongX::<L>::in_registers(), Between::EMPTY);
         let mut filled = false;
-        for points in self.cloud.near(self.from, centre, half * 1.001) {
+        for points in self.step.near(middle, half * 1.001) {
             let (px, py, pz) = (L::load(&points.x), L::load(&points.y), L::load(&points.z));
+            // Position and displacement are affine in the indenter's coordinates.
             let x = [
-                px.mul_add(fill(c0), py.mul_add(fill(-s0), fill(t0[0]))),
-                px.mul_add(fill(s0), py.mul_add(fill(c0), fill(t0[1]))),
-                pz.mul_add(fill(1.0 / self.dx_mm), fill(t0[2])),
+                px.mul_add(cos, py.mul_add(-sin, fill(from.shift[0]))),
+                px.mul_add(sin, py.mul_add(cos, fill(from.shift[1]))),
+                pz.mul_add(per_mm, fill(from.shift[2])),
             ];
             // Membership is decided on coordinates of the whole grid, so a point falls to exactly one block.
             let mut inside = u16::MAX >> (WIDTH - points.len);
@@ -210,35 +281,20 @@ impl Kernel for ScatterCloud<'_> {
                 filled = true;
             }
             let Some(tile) = self.tile.as_deref_mut() else { continue };
+            let mut motion = Motion::NONE;
             let v = [
-                px.mul_add(fill(c1 - c0), py.mul_add(fill(s0 - s1), fill(t1[0] - t0[0]))),
-                px.mul_add(fill(s1 - s0), py.mul_add(fill(c1 - c0), fill(t1[1] - t0[1]))),
-                fill(t1[2] - t0[2]),
+                px.mul_add(cos_more, py.mul_add(-sin_more, fill(to.shift[0] - from.shift[0]))),
+                px.mul_add(sin_more, py.mul_add(cos_more, fill(to.shift[1] - from.shift[1]))),
+                fill(to.shift[2] - from.shift[2]),
             ];
-            let mut velocity = [Row::ZERO; 3];
             for d in 0..3 {
-                v[d].store(&mut velocity[d]);
+                v[d].store(&mut motion.velocity[d]);
             }
-            while inside != 0 {
-                let i = inside.trailing_zeros() as usize;
-                inside &= inside - 1;
-                let at = |d: usize| corner[d].0[i] as usize;
-                let weight = |d: usize| weights_of(offset[d].0[i]);
-                let (wx, wy, wz) = (weight(0), weight(1), weight(2));
-                let p = [velocity[0].0[i], velocity[1].0[i], velocity[2].0[i], 1.0];
-                let row =
-                    L::load(&Row(std::array::from_fn(|l| if l < 12 { wx[l / 4] * p[l % 4] } else { 0.0 })));
-                let to = tile.at_mut((at(2) + 2) * TILE_LAYER + (at(1) + 2) * TILE[0] + at(0));
-                for k in 0..3 {
-                    for j in 0..3 {
-                        // SAFETY: `to` is the last row of the stencil; the others lie before it in the tile.
-                        unsafe {
-                            let node = to.sub(((2 - k) * TILE_LAYER + (2 - j) * TILE[0]) * 4);
-                            row.mul_add(L::fill(wy[j] * wz[k]), L::read(node)).write(node);
-                        }
-                    }
-                }
+            let mut node = [0; WIDTH];
+            for i in (0..WIDTH).filter(|i| inside >> i & 1 == 1) {
+                node[i] = tile_node([0, 1, 2].map(|d| corner[d].0[i] as usize));
             }
+            scatter_batch(&along_x, &motion, &offset, &node, inside, &mut between, tile);
         }
         if !filled {
             *self.tile = None;

@@ -67,6 +67,8 @@ pub struct Pass<'a> {
     pub tile: &'a mut Tile,
     /// Room for the velocities that they see; what it holds before and after means nothing.
     pub velocities: &'a mut Tile,
+    /// What the next block begins with.
+    pub next: Next,
     /// Material.
     pub elastic: Elastic,
     /// How held particles are held.
@@ -74,6 +76,37 @@ pub struct Pass<'a> {
     /// Whether x and F move on; otherwise only v and C change (a pass of the relative-rest loop).
     pub advance: bool,
 }
+
+/// Where the tile, the nodes and the particles of a block lie, for its memory to be asked for while another is at work. Any
+/// address will do.
+#[derive(Debug, Clone, Copy)]
+pub struct Next {
+    /// Its tile.
+    pub tile: *const Row,
+    /// Its nodes.
+    pub nodes: *const Row,
+    /// Its first batches.
+    pub batches: *const Row,
+}
+
+impl Next {
+    /// What is asked for with batch `b`, a line for each of its particles.
+    #[inline(always)]
+    fn part(self, b: usize) -> *const Row {
+        const TILE_PARTS: usize = (size_of::<Tile>() / size_of::<Row>()).div_ceil(WIDTH);
+        const NODE_PARTS: usize = (size_of::<Nodes>() / size_of::<Row>()).div_ceil(WIDTH);
+        match b.checked_sub(TILE_PARTS) {
+            None => self.tile.wrapping_add(WIDTH * b),
+            Some(b) if b < NODE_PARTS => self.nodes.wrapping_add(WIDTH * b),
+            Some(b) => self.batches.wrapping_add(WIDTH * (b - NODE_PARTS)),
+        }
+    }
+}
+
+// SAFETY: the addresses are never read through.
+unsafe impl Send for Next {}
+// SAFETY: as above.
+unsafe impl Sync for Next {}
 
 /// Copies the nodes that a block's particles touch into one tile.
 #[inline(always)]
@@ -158,18 +191,21 @@ fn scatter_one<L: Lanes>(
 }
 
 /// Motion of sixteen particles, component by component.
-struct Motion {
-    velocity: [Row; 3],
-    affine: [Row; 9],
+pub struct Motion {
+    /// Cells per step.
+    pub velocity: [Row; 3],
+    /// Row by row, per step.
+    pub affine: [Row; 9],
 }
 
 impl Motion {
-    const NONE: Motion = Motion { velocity: [Row::ZERO; 3], affine: [Row::ZERO; 9] };
+    /// Rest.
+    pub const NONE: Motion = Motion { velocity: [Row::ZERO; 3], affine: [Row::ZERO; 9] };
 }
 
 /// Rows on the way between the two layouts. Made once a block: to make them anew for every batch would cost as many
 /// stores as the batch itself.
-struct Between {
+pub struct Between {
     /// Weights along y and z, or their products.
     weights: [Row; 9],
     /// What comes from the grid or goes to it, particle by particle.
@@ -177,7 +213,8 @@ struct Between {
 }
 
 impl Between {
-    const EMPTY: Between = Between { weights: [Row::ZERO; 9], moments: [Row::ZERO; WIDTH] };
+    /// Nothing.
+    pub const EMPTY: Between = Between { weights: [Row::ZERO; 9], moments: [Row::ZERO; WIDTH] };
 }
 
 /// Subtracts the stress of twice sixteen particles from their C, which leaves the affine momentum.
@@ -204,7 +241,7 @@ fn add_stress<L: Lanes>(elastic: Elastic, strain: [&[Row; 9]; 2], affine: [&mut 
 
 /// Sixteen particles' way to the grid; only lanes of `lanes` are put there.
 #[inline(always)]
-fn scatter_batch<L: Lanes>(
+pub fn scatter_batch<L: Lanes>(
     x: &AlongX<L>,
     motion: &Motion,
     offset: &[Row; 3],
@@ -243,35 +280,53 @@ fn scatter_batch<L: Lanes>(
     }
     let mut left = lanes;
     while left != 0 {
-        let cell = node[left.trailing_zeros() as usize];
-        let last = tile.at_mut(cell as usize + LAST_ROW);
-        let row = |r: usize| stencil_row(last, r);
+        let mut cell = node[left.trailing_zeros() as usize];
+        let mut last = tile.at_mut(cell as usize + LAST_ROW);
         if !L::STENCIL_FITS {
             let i = left.trailing_zeros() as usize;
             left &= left - 1;
+            let row = |r: usize| stencil_row(last, r);
             // SAFETY: `last` is the last row of a stencil inside the tile; the others lie before it.
             let add = |r: usize, value: L, w: L| unsafe { value.mul_add(w, L::read(row(r))).write(row(r)) };
             scatter_one(x, offset[0].0[i], wyz, i, &moments[i], add);
             continue;
         }
-        // Neighbours in a batch lie in one cell, as a rule: its stencil stays in registers for as long.
         let mut stencil = [L::fill(0.0); 9];
         for r in 0..9 {
             // SAFETY: as above.
-            stencil[r] = unsafe { L::read(row(r)) };
+            stencil[r] = unsafe { L::read(stencil_row(last, r)) };
         }
-        while left != 0 {
+        loop {
             let i = left.trailing_zeros() as usize;
-            if node[i] != cell {
-                break;
-            }
             left &= left - 1;
             let add = |r: usize, value: L, w: L| stencil[r] = value.mul_add(w, stencil[r]);
             scatter_one(x, offset[0].0[i], wyz, i, &moments[i], add);
+            // Neighbours in a batch lie in one cell, as a rule, or in the one above: what they share of its stencil stays in
+            // registers.
+            let next = if left == 0 { break } else { node[left.trailing_zeros() as usize] };
+            if next == cell {
+                continue;
+            }
+            if next != cell + TILE_LAYER as u16 {
+                break;
+            }
+            for r in 0..3 {
+                // SAFETY: as above.
+                unsafe { stencil[r].write(stencil_row(last, r)) };
+            }
+            cell = next;
+            last = tile.at_mut(cell as usize + LAST_ROW);
+            for r in 0..6 {
+                stencil[r] = stencil[r + 3];
+            }
+            for r in 6..9 {
+                // SAFETY: as above.
+                stencil[r] = unsafe { L::read(stencil_row(last, r)) };
+            }
         }
         for r in 0..9 {
             // SAFETY: as above.
-            unsafe { stencil[r].write(row(r)) };
+            unsafe { stencil[r].write(stencil_row(last, r)) };
         }
     }
 }
@@ -283,6 +338,7 @@ struct Walk<'a, L> {
     velocities: &'a Tile,
     base: Base,
     advance: bool,
+    next: Next,
     speed_squared: L,
     leaving: Vec<(usize, Moving)>,
     report: Report,
@@ -302,22 +358,32 @@ impl<L: Lanes> Walk<'_, L> {
             wy[j].store(&mut w[j]);
             wz[j].store(&mut w[3 + j]);
         }
+        // Memory is asked a line at a time, while there is other work: many at once would have to wait for each other. The
+        // batch after the next lies behind this one.
+        let soon = std::ptr::from_ref(batch).wrapping_add(2).cast::<Row>();
+        let later = self.next.part(b);
         let mut i = 0;
         while i < batch.len as usize {
             let cell = batch.node[i];
             let last = self.velocities.at(cell as usize + LAST_ROW).cast_mut();
             // SAFETY: `last` is the last row of a stencil inside the tile; the others lie before it.
             let read = |r: usize| unsafe { L::read(stencil_row(last, r)) };
+            let ask = |i: usize| {
+                L::fetch_soon(soon.wrapping_add(i));
+                L::fetch_later(later.wrapping_add(i));
+            };
             let x = |i: usize| batch.offset[0].0[i];
             let y = |i: usize| [w[0].0[i], w[1].0[i], w[2].0[i]];
             let z = |i: usize| [w[3].0[i], w[4].0[i], w[5].0[i]];
             if !L::STENCIL_FITS {
+                ask(i);
                 gather_one(&self.x, x(i), y(i), z(i), read).store(&mut moments[i]);
                 i += 1;
                 continue;
             }
             let stencil: [L; 9] = std::array::from_fn(read);
             while i < batch.len as usize && batch.node[i] == cell {
+                ask(i);
                 gather_one(&self.x, x(i), y(i), z(i), |r| stencil[r]).store(&mut moments[i]);
                 i += 1;
             }
@@ -437,7 +503,7 @@ impl Kernel for Pass<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) -> Report {
-        let Pass { place, nodes, bin, tile, velocities, elastic, base, advance } = self;
+        let Pass { place, nodes, bin, tile, velocities, next, elastic, base, advance } = self;
         load_tile::<L>(place, nodes, velocities);
         tile.0.fill(Row::ZERO);
         let mut walk = Walk {
@@ -446,30 +512,36 @@ impl Kernel for Pass<'_> {
             velocities,
             base,
             advance,
+            next,
             speed_squared: L::fill(0.0),
             leaving: Vec::new(),
             report: Report::default(),
         };
         let mut between = Between::EMPTY;
-        let mut motions = [Motion::NONE, Motion::NONE];
-        for (p, pair) in bin.batches.chunks_mut(2).enumerate() {
-            // The next two batches lie behind these.
-            let next = pair.as_ptr_range().end.cast::<Row>();
-            for line in 0..2 * size_of::<Batch>() / size_of::<Row>() {
-                L::fetch_soon(next.wrapping_add(line));
+        // Batches go two by two. The stress of a pair is one long chain of products: while it lasts, the next pair comes from the
+        // grid, and nothing waits for what was done just before it.
+        let count = bin.batches.len();
+        let batches_of = |pair: usize| 2 * pair..count.min(2 * pair + 2);
+        let mut motions = [[Motion::NONE, Motion::NONE], [Motion::NONE, Motion::NONE]];
+        let mut staying = [[0; 2]; 2];
+        for pair in 0..=count.div_ceil(2) {
+            let mut bad = [0; 2];
+            if pair > 0 {
+                let before = &bin.batches[batches_of(pair - 1)];
+                let strain = [&before[0].strain, &before[before.len() - 1].strain];
+                let [first, second] = &mut motions[(pair - 1) % 2];
+                bad = add_stress::<L>(elastic, strain, [&mut first.affine, &mut second.affine]);
             }
-            let mut staying = [0; 2];
-            for (i, batch) in pair.iter_mut().enumerate() {
-                staying[i] = walk.receive(2 * p + i, batch, &mut between, &mut motions[i]);
+            for b in batches_of(pair) {
+                let motion = &mut motions[pair % 2][b % 2];
+                staying[pair % 2][b % 2] = walk.receive(b, &mut bin.batches[b], &mut between, motion);
             }
-            let [first, second] = &mut motions;
-            let strain = [&pair[0].strain, &pair[pair.len() - 1].strain];
-            let bad = add_stress::<L>(elastic, strain, [&mut first.affine, &mut second.affine]);
-            for (i, batch) in pair.iter().enumerate() {
-                let lanes = staying[i];
-                let (offset, node) = (&batch.offset, &batch.node);
-                scatter_batch(&walk.x, &motions[i], offset, node, lanes, &mut between, tile);
-                let bad = bad[i] & lanes;
+            let Some(before) = pair.checked_sub(1) else { continue };
+            for b in batches_of(before) {
+                let (batch, motion) = (&bin.batches[b], &motions[before % 2][b % 2]);
+                let lanes = staying[before % 2][b % 2];
+                scatter_batch(&walk.x, motion, &batch.offset, &batch.node, lanes, &mut between, tile);
+                let bad = bad[b % 2] & lanes;
                 if bad != 0 && walk.report.crushed.is_none() {
                     walk.report.crushed = Some(batch.id[bad.trailing_zeros() as usize]);
                 }

@@ -7,6 +7,7 @@
 
 use super::grid::{BLOCK, NONE, Nodes, Place, RIM, TILE, TILE_LAYER, Tile};
 use super::lanes::{Kernel, Lanes, Row};
+use std::ptr::null;
 
 /// A node slower than this, in cells per step, stands still: see the same threshold for strains.
 const STILL: f32 = 1e-15;
@@ -73,28 +74,35 @@ impl Kernel for Update<'_> {
         }
         let meets = foreign.iter().any(Option::is_some);
         // Nodes that nothing reached keep velocity zero: their momentum is zero, too.
-        let (least, still) = (L::fill(f32::MIN_POSITIVE), L::fill(STILL));
+        let (none, least, still) = (L::fill(0.0), L::fill(f32::MIN_POSITIVE), L::fill(STILL));
         let (mut pad, mut theirs) = (Row::ZERO, Row::ZERO);
+        // The next block's memory is asked for meanwhile.
+        let next = self.tiles.get(self.place.lower[0] as usize + 1).and_then(Option::as_deref);
+        let next_tile = next.map_or(null(), |tile| tile.0.as_ptr());
+        let next_nodes = self.nodes.0.as_ptr_range().end;
+        let lines = size_of::<Tile>().div_ceil(size_of::<Nodes>());
         for (r, row) in self.nodes.0.iter_mut().enumerate() {
+            L::fetch_later(next_nodes.wrapping_add(r));
+            for line in 0..lines {
+                L::fetch_later(next_tile.wrapping_add(lines * r + line));
+            }
             let (j, k) = (r % BLOCK[1], r / BLOCK[1]);
             let mut total: L = sum_row(&own, j, k);
+            let mut shared = 0;
             if meets {
                 let added: L = sum_row(&foreign, j, k);
-                total.store(&mut pad);
-                added.store(&mut theirs);
+                shared = none.less(total.fourth_of_group()) & none.less(added.fourth_of_group());
+                if shared != 0 {
+                    total.store(&mut pad);
+                    added.store(&mut theirs);
+                }
                 total = total + added;
             }
             let v = total.over(total.fourth_of_group().larger(least));
             v.keep(still.less(v.larger(-v))).store(row);
-            if !meets {
-                continue;
-            }
-            for i in 0..4 {
+            for i in (0..4).filter(|i| shared >> (4 * i) & 1 == 1) {
                 let at = |row: &Row, d: usize| f64::from(row.0[4 * i + d]);
                 let mass = at(&theirs, 3);
-                if mass == 0.0 || at(&pad, 3) == 0.0 {
-                    continue;
-                }
                 let mut given = [0.0; 3];
                 for d in 0..3 {
                     given[d] = at(&theirs, d) - mass * at(row, d);
