@@ -7,6 +7,7 @@
 use std::fs::OpenOptions;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::SystemTime;
 
 /// What a folder holds.
@@ -125,7 +126,9 @@ fn write(path: &Path, magic: &[u8; 16], key: &[u8; 32], content: &[u8]) -> io::R
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder)?;
     }
-    let beside = path.with_extension(format!("{}.tmp", std::process::id()));
+    static WRITTEN: AtomicU64 = AtomicU64::new(0);
+    let number = WRITTEN.fetch_add(1, Ordering::Relaxed);
+    let beside = path.with_extension(format!("{}-{number}.tmp", std::process::id()));
     let mut bytes = Vec::with_capacity(80 + content.len());
     for part in [magic.as_slice(), key, blake3::hash(content).as_bytes(), content] {
         bytes.extend_from_slice(part);

@@ -251,8 +251,13 @@ impl QuasiStaticSolver {
         }
         if relieved && shape == PadShape::Cuboid {
             // Counted where it is seen: the splines' patch is 3 % too wide or too narrow where it is four cells across.
-            let [width, height] = [size[0] / (mx * (nx - 1)) as f64, size[1] / (my * (ny - 1)) as f64];
-            capture.stats.contact_area_mm2 = pressed(&capture.contact) * width * height;
+            let (columns, rows) = (capture.surface.nx, capture.surface.ny);
+            let [width, height] = [size[0] / (columns - 1) as f64, size[1] / (rows - 1) as f64];
+            // Points at the sides of the pad stand for half as much of it.
+            let part = |at: usize, n: usize| if at == 0 || at == n - 1 { 0.5 } else { 1.0 };
+            let parts = capture.contact.iter().enumerate().filter(|(_, pressed)| **pressed);
+            let points: f64 = parts.map(|(k, _)| part(k % columns, columns) * part(k / columns, rows)).sum();
+            capture.stats.contact_area_mm2 = points * width * height;
         } else {
             capture.stats.contact_area_mm2 *= pressed(&capture.contact) / before.max(1.0);
         }

@@ -22,7 +22,7 @@ use std::time::Instant;
 const START_DEPTH_MM: f64 = 0.3;
 
 /// Flops of a pass per particle, grid and contact included, whole registers counted: of the sixteen lanes of a stencil's row
-/// twelve or nine are used. Counted by the test below on the lattice of the paper (1685 and 1596); small pads have more,
+/// twelve or nine are used. Counted on the lattice of the paper (1685 and 1596), in the way of the test below; small pads have more,
 /// because their blocks are not full, and large strains a little more, because the stretch takes more iterations.
 fn flops_per_particle_step(law: Law) -> f64 {
     match law {

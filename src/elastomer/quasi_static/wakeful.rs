@@ -6,10 +6,13 @@
 
 use std::cell::Cell;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
 
 /// Most threads that are kept awake beside the one that works: pieces of a hundred microseconds feed no more.
 const MOST: usize = 7;
+/// How long a thread that has come waits for the others.
+const WAIT_FOR_OTHERS: Duration = Duration::from_micros(200);
 
 thread_local! {
     /// How many pieces of work, one inside the other, this thread is to come back to.
@@ -22,40 +25,61 @@ pub fn wakeful<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     if rayon::current_thread_index().is_none() {
         return rayon::scope(|_| wakeful(work));
     }
-    let done = Arc::new(AtomicBool::new(false));
-    for _ in 0..(rayon::current_num_threads() - 1).min(MOST) {
-        let done = Arc::clone(&done);
-        rayon::spawn(move || stay_awake(&done));
+    let wanted = (rayon::current_num_threads() - 1).min(MOST);
+    let helpers = Arc::new(Helpers { wanted, come: AtomicUsize::new(0), done: AtomicBool::new(false) });
+    for _ in 0..wanted {
+        let helpers = Arc::clone(&helpers);
+        rayon::spawn(move || helpers.stay_awake());
     }
-    let _until_done = UntilDone::begin(done);
+    let _until_done = UntilDone::begin(helpers);
     work()
 }
 
-/// Takes what pieces there are until the work is `done`. A thread that is at work itself, and has come here while it waits for a
-/// piece of that, goes back at once.
-fn stay_awake(done: &AtomicBool) {
-    while !done.load(Ordering::Relaxed) && AT_WORK.get() == 0 {
-        if rayon::yield_now() != Some(rayon::Yield::Executed) {
-            // Whoever else wants the core may have it.
+/// The threads that stay awake for one piece of work.
+struct Helpers {
+    wanted: usize,
+    come: AtomicUsize,
+    done: AtomicBool,
+}
+
+impl Helpers {
+    /// Takes what pieces there are until the work is done. A thread that is at work itself, and has come here while it waits
+    /// for a piece of that, goes back at once.
+    fn stay_awake(&self) {
+        let come = self.come.fetch_add(1, Ordering::Relaxed) + 1;
+        // The first to come would else take the calls of all others and stay awake alone.
+        let (begun, mut come) = (Instant::now(), come);
+        while come < self.wanted && begun.elapsed() < WAIT_FOR_OTHERS && !self.is_over() {
             std::thread::yield_now();
+            come = self.come.load(Ordering::Relaxed);
         }
+        while !self.is_over() {
+            if rayon::yield_now() != Some(rayon::Yield::Executed) {
+                // Whoever else wants the core may have it.
+                std::thread::yield_now();
+            }
+        }
+    }
+
+    fn is_over(&self) -> bool {
+        self.done.load(Ordering::Relaxed) || AT_WORK.get() > 0
     }
 }
 
 /// Lets the others sleep when it is dropped.
-struct UntilDone(Arc<AtomicBool>);
+struct UntilDone(Arc<Helpers>);
 
 impl UntilDone {
-    fn begin(done: Arc<AtomicBool>) -> Self {
+    fn begin(helpers: Arc<Helpers>) -> Self {
         AT_WORK.set(AT_WORK.get() + 1);
-        Self(done)
+        Self(helpers)
     }
 }
 
 impl Drop for UntilDone {
     fn drop(&mut self) {
         AT_WORK.set(AT_WORK.get() - 1);
-        self.0.store(true, Ordering::Relaxed);
+        self.0.done.store(true, Ordering::Relaxed);
     }
 }
 
@@ -85,12 +109,20 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_lets_the_others_sleep_and_the_next_work_begin() {
-        let pool = pool(2);
-        let failing = || pool.install(|| wakeful::<()>(|| panic!("on purpose")));
-        let failed = std::panic::catch_unwind(std::panic::AssertUnwindSafe(failing));
-        assert!(failed.is_err());
-        let (left, sum) = pool.install(|| (AT_WORK.get(), wakeful(sum)));
-        assert_eq!((left, sum), (0, 332_833_500));
+    fn a_panic_lets_the_others_sleep_and_leaves_the_thread_free() {
+        let one = pool(1);
+        let failing = || one.install(|| wakeful::<()>(|| panic!("on purpose")));
+        assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(failing)).is_err());
+        assert_eq!(one.install(|| AT_WORK.get()), 0);
+        let helpers =
+            Arc::new(Helpers { wanted: 0, come: AtomicUsize::new(0), done: AtomicBool::new(false) });
+        let failing = || {
+            let _until_done = UntilDone::begin(Arc::clone(&helpers));
+            panic!("on purpose")
+        };
+        assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(failing)).is_err());
+        assert!(helpers.done.load(Ordering::Relaxed));
+        // Else this would not come back.
+        helpers.stay_awake();
     }
 }

@@ -7,7 +7,8 @@ use crate::cache::Kind;
 use crate::indenter::spec::{Centre, LengthUnit, TipEnd};
 use glam::DVec3;
 
-/// Folders of checked solids: about ten of a million triangles.
+/// Folders of checked solids: about ten of a million triangles. The number changes whenever a mesh is welded, checked or placed in
+/// another way: what was accepted before must not stand for what is now.
 pub const KIND: Kind = Kind { magic: *b"twinrig solids 1", what: "mesh", most_bytes: 1 << 28 };
 
 /// Smaller files are checked in less time than anybody notices, bytes.

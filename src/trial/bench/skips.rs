@@ -25,7 +25,7 @@ pub struct Skip {
     /// Without it, s.
     pub without_s: f64,
     /// Root mean square of what the skip changes in the heights of the face, relative to depth, and the error it states; absent where
-    /// it cannot change anything.
+    /// it is not compared.
     pub apart_and_stated: Option<[f64; 2]>,
 }
 
@@ -91,12 +91,23 @@ pub(super) fn plan(effort: Effort, stages: &mut Vec<Stage>) {
     };
     for (skip, work, measure) in ROWS {
         let stage = move |report: &mut super::Report| {
-            let ([with_s, without_s], apart_and_stated) = measure(tolerance, repeats)?;
+            // On one thread: others would stay awake, and their time be counted, whether there is work for them or not.
+            let ([with_s, without_s], apart_and_stated) = on_one_thread(|| measure(tolerance, repeats))?;
             report.skips.push(Skip { skip, work, with_s, without_s, apart_and_stated });
             Ok(())
         };
         stages.push((format!("skip: {skip}"), Box::new(stage)));
     }
+}
+
+fn on_one_thread<T: Send>(work: impl FnOnce() -> Result<T, Error> + Send) -> Result<T, Error> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|e| Error::Setting {
+        key: "threads",
+        value: "1".to_owned(),
+        allowed: format!("as many as the system makes ({e})"),
+        next: "end other programs".to_owned(),
+    })?;
+    pool.install(work)
 }
 
 fn solver(friction: Friction, tolerance: f64) -> Result<Box<dyn Elastomer>, Error> {

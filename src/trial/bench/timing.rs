@@ -13,7 +13,7 @@ pub struct Timing {
     pub min_s: f64,
     /// Median time, s.
     pub median_s: f64,
-    /// Least processor time on all threads together, s.
+    /// Least processor time on all threads together, s; those that wait for an equilibrium stay awake and count.
     pub cpu_s: f64,
 }
 

@@ -73,6 +73,25 @@ fn a_turn_in_full_slip_has_the_torque_of_a_hertzian_contact() {
 }
 
 #[test]
+fn a_drag_is_as_hard_in_long_increments_as_in_short_ones() {
+    let drag = |waypoints: u32| {
+        let sphere = Arc::new(Sphere(RADIUS_MM));
+        let settings = Settings { tolerance: 0.01, ..settings(Friction::Coefficient(0.5)) };
+        let start = Pose::new(0.0, 0.0, 0.1, 0.0);
+        let mut s =
+            QuasiStaticSolver::new(&pad(Law::NeoHookean), &settings, sphere, &start).expect("in range");
+        s.advance(&Pose::new(0.0, 0.0, -0.5, 0.0)).expect("an easy press");
+        for k in 1..=waypoints {
+            let x_mm = f64::from(k) / f64::from(waypoints);
+            s.advance(&Pose::new(x_mm, 0.0, -0.5, 0.0)).expect("an easy slide");
+        }
+        -s.capture(2, 2).expect("a lattice").forces.shear_force_n[0]
+    };
+    let [long, short] = [drag(4), drag(16)];
+    assert!((long / short - 1.0).abs() < 0.01, "{long} N against {short} N");
+}
+
+#[test]
 fn during_a_solve_no_point_jumps_from_one_side_of_the_indenter_to_another() {
     // Brought down 0.5 mm in one stroke, points near the wall of a punch are nearer to the wall than to the sole that
     // they met. Shifted across the place where both are as near, their force must not jump.
