@@ -89,6 +89,12 @@ const SLIDE_OVER_CELL: f64 = 0.625;
 /// let go in turn. Found by experiment: a sphere of radius 4, infinite friction, 0.25 mm deep and slid 1 mm over cells of 0.31 mm,
 /// loses half of its points and a third of its drag in an increment of 0.125 mm; in shorter ones it drags as over other cells.
 const MOST_IDLE: f64 = 0.05;
+/// So far along the face, over the depth, and at least so far, mm, increments are kept from that. Beyond, what sticks has to let go
+/// whatever they are: found by experiment, a sphere of radius 3 pressed 0.5 mm and slid 5 mm takes five times as long with
+/// increments that are halved for it all the way, and its drag at 2 to 5 mm still goes by how they fall.
+const HELD_OVER_DEPTH: f64 = 2.0;
+/// See [`HELD_OVER_DEPTH`].
+const HELD_MM: f64 = 1.0;
 /// Largest turn in one increment, degrees.
 const LARGEST_TURN_DEG: f64 = 5.0;
 /// Smallest distance of the contact from the pad's edge, mm.
@@ -134,8 +140,8 @@ pub struct Equilibrium {
     /// Displacement one increment ago, and the way of the indenter since then, for extrapolation.
     last: Option<(Vec<f32>, [f64; 4])>,
     at_rest: bool,
-    /// Whether the indenter has come straight down since the pad was at rest.
-    straight_down: bool,
+    /// How far the indenter has gone along the face since the pad was at rest, mm; nothing where it came straight down.
+    dragged_mm: f64,
     outcome: Option<Outcome>,
     /// Largest penetration at a sample point after the last solve, mm.
     penetration_mm: f64,
@@ -182,7 +188,7 @@ impl Level {
                 u,
                 last: None,
                 at_rest: true,
-                straight_down: true,
+                dragged_mm: 0.0,
                 outcome: None,
                 penetration_mm: 0.0,
                 unsettled: 0.0,
@@ -265,7 +271,7 @@ impl Level {
         at.contacts.clear();
         at.u.fill(0.0);
         (at.at_rest, at.last, at.outcome, at.pose) = (true, None, None, *pose);
-        at.straight_down = true;
+        at.dragged_mm = 0.0;
         at.stated = OnceLock::new();
     }
 
@@ -287,7 +293,7 @@ impl Level {
     /// Whether the way to `pose` goes on along the face as the last one did: much of what touched goes on touching.
     pub fn slides_on_to(&self, pose: &Pose) -> bool {
         let way = way_between(&self.at.pose, pose);
-        let level = way[2].abs() <= 0.1 * way[0].hypot(way[1]).hypot(way[3]);
+        let level = way[2].abs() <= 0.1 * along_face(&way);
         level && self.at.last.as_ref().is_some_and(|(_, last)| along(&way, last).is_some())
     }
 
@@ -325,7 +331,7 @@ impl Level {
         let drags = drags(&way);
         self.guess(&problem, &way, hint);
         match self.settle(&problem, leave) {
-            Ok(outcome) if leave.cautious && drags && self.unzips() => {
+            Ok(outcome) if leave.cautious && drags && self.unzips(&problem, &way) => {
                 self.at = saved;
                 Err(outcome)
             }
@@ -333,7 +339,7 @@ impl Level {
                 self.at.contacts.end_increment(indenter);
                 self.at.last = (!saved.at_rest).then_some((saved.u, way));
                 self.at.at_rest = false;
-                self.at.straight_down &= !drags;
+                self.at.dragged_mm += along_face(&way);
                 self.at.outcome = Some(outcome);
                 self.at.pose = *pose;
                 Ok(())
@@ -346,9 +352,11 @@ impl Level {
     }
 
     /// Whether so much was let go and came back that what held has come apart for the increment's length alone.
-    fn unzips(&self) -> bool {
+    fn unzips(&self, problem: &Problem<'_>, way: &[f64; 4]) -> bool {
         let contacts = &self.at.contacts;
-        !self.guesses && contacts.sticks() && contacts.idle_part() > MOST_IDLE
+        let depth_mm = contacts.depth_mm(problem.indenter, problem.pose);
+        let is_held = self.at.dragged_mm + along_face(way) <= HELD_MM.max(HELD_OVER_DEPTH * depth_mm) + 1e-9;
+        !self.guesses && is_held && contacts.sticks() && contacts.idle_part() > MOST_IDLE
     }
 
     /// How many increments a way takes: a press may be long; what moves along the face with friction goes
@@ -505,7 +513,7 @@ impl Level {
     /// The same of a face in relief that may be off by `misfit_mm`; nothing where what that is found from does not tell:
     /// after a slide, when friction decides where the face is, on a pad that is not flat, and where nothing touches.
     pub fn error_in_relief(&self, indenter: &dyn Indenter, misfit_mm: f64) -> Option<f64> {
-        let outcome = self.at.outcome.filter(|_| self.at.straight_down && self.chart.is_none())?;
+        let outcome = self.at.outcome.filter(|_| self.straight_down() && self.chart.is_none())?;
         let depth = self.at.contacts.depth_mm(indenter, &self.at.pose).max(LEAST_DEPTH_MM);
         let misfit = self.narrow() * misfit_mm / depth;
         Some(RELIEF_ERROR + misfit + self.unsettled_error(indenter, depth, outcome))
@@ -520,7 +528,7 @@ impl Level {
 
     /// Whether the indenter has come straight down since the pad was at rest.
     pub fn straight_down(&self) -> bool {
-        self.at.straight_down
+        self.at.dragged_mm == 0.0
     }
 
     /// By how much more than elsewhere the face is off where the contact is all rim.
@@ -531,7 +539,7 @@ impl Level {
     /// What the stopping leaves, relative to depth.
     fn unsettled_error(&self, indenter: &dyn Indenter, depth: f64, outcome: Outcome) -> f64 {
         // Each side is wrong by half of what differs between them.
-        let askew = match self.at.straight_down {
+        let askew = match self.straight_down() {
             true => 0.5 * symmetry::lost_mm(self.grid(), &self.at.u, indenter, &self.at.pose),
             false => 0.0,
         };
@@ -642,9 +650,14 @@ fn way_between(a: &Pose, b: &Pose) -> [f64; 4] {
     [b.x_mm - a.x_mm, b.y_mm - a.y_mm, b.z_mm - a.z_mm, 0.05 * (b.theta_deg - a.theta_deg)]
 }
 
+/// How much of a way leads along the face, turns counted in.
+fn along_face(way: &[f64; 4]) -> f64 {
+    way[0].hypot(way[1]).hypot(way[3])
+}
+
 /// Whether a way leads along the face, or turns on it.
 fn drags(way: &[f64; 4]) -> bool {
-    way[0] != 0.0 || way[1] != 0.0 || way[3] != 0.0
+    along_face(way) > 0.0
 }
 
 /// How many times `last` goes into `way`, if they point the same way.
