@@ -297,12 +297,13 @@ impl Level {
         level && self.at.last.as_ref().is_some_and(|(_, last)| along(&way, last).is_some())
     }
 
-    /// Whether the way to `pose` goes on straight down as the last one did, and not far.
+    /// Whether the way to `pose` goes on straight down as the last one did, and not far, or straight up: of a face that is let go
+    /// coarser grids know nothing better, and nearly incompressible ones do not get there.
     pub fn presses_on_to(&self, indenter: &dyn Indenter, pose: &Pose) -> bool {
         let way = way_between(&self.at.pose, pose);
         let depth_mm = self.at.contacts.depth_mm(indenter, &self.at.pose);
-        let down = !drags(&way) && (0.0..=PRESSES_ON * depth_mm).contains(&-way[2]);
-        down && self.at.last.as_ref().is_some_and(|(_, last)| along(&way, last).is_some())
+        let straight = !drags(&way) && -way[2] <= PRESSES_ON * depth_mm;
+        straight && self.at.last.as_ref().is_some_and(|(_, last)| along(&way, last).is_some())
     }
 
     /// One increment to `pose`; the state is unchanged when it fails. `hint` is the change of displacement
