@@ -1,7 +1,7 @@
 //! The cores a twin works on, and how paths that are walked at the same time share them.
 //!
-//! A quasi-static increment is many short passes over a small grid, in which a second core helps little (found by
-//! experiment: a tenth); two paths side by side keep two cores busy. So each walker has a core of its own, until so few
+//! A quasi-static increment is many short passes over a small grid, which a second core helps less than it helps a second
+//! path: two side by side keep two cores busy. So each walker has a core of its own, until so few
 //! are left that those together do not use half of the cores: then each step may use them all. What is computed does not
 //! depend on it: solvers and pictures are the same to the bit for any number of threads.
 
