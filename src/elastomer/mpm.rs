@@ -87,6 +87,8 @@ struct Tally {
     steps: u64,
     passes: u64,
     limit_hits: u64,
+    /// Particle-steps in blocks that were not at rest.
+    computed: u64,
 }
 
 /// A pad followed step by step.
@@ -170,6 +172,11 @@ impl ExplicitSolver {
         &self.body
     }
 
+    /// Whether to compute what is at rest all the same, for measurements: nothing but time comes of it.
+    pub fn compute_rest(&mut self, all_the_same: bool) {
+        self.body.rest_is_computed = all_the_same;
+    }
+
     /// Where the indenter is.
     pub fn pose(&self) -> Pose {
         self.pose
@@ -195,6 +202,7 @@ impl ExplicitSolver {
             let rest = self.settings.mode == Mode::Mpm || self.relative_rest(x_o, v_o);
             let last = rest || passes >= self.settings.rest_limit;
             self.body.pass(last).map_err(|f| self.diverged(f))?;
+            self.tally.computed += self.body.computed as u64;
             for d in 0..3 {
                 sum.on_pad[d] += exchange.impulse[d];
                 sum.base[d] += self.body.base_impulse[d];

@@ -97,10 +97,11 @@ fn show(report: &Report) {
     screen::result("\nParticle-steps a second (millions)");
     for t in &report.throughput {
         screen::result(format_args!(
-            "  {:<5} {:<15} {:>9} particles {:2} threads  best {:6.1}  median {:6.1}  per CPU second {:6.1}  {:5.1} B/particle {:4.1} B/node {:6.2} GB",
+            "  {:<5} {:<15} {:>9} particles, {:3.0} % computed {:2} threads  best {:6.1}  median {:6.1}  per CPU second {:6.1}  {:5.1} B/particle {:4.1} B/node {:6.2} GB",
             format!("{:?}", t.mode).to_lowercase(),
             format!("{:?}", t.law),
             t.particles,
+            100.0 * t.computed,
             t.threads,
             t.best_particle_steps_per_s / 1e6,
             t.median_particle_steps_per_s / 1e6,

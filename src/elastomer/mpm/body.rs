@@ -4,13 +4,13 @@
 //! over blocks is taken in the order of the blocks, so a run does not depend on the number of threads.
 
 use super::cloud::{Cloud, CloudStep, ScatterCloud};
-use super::grid::{BLOCK, Grid, Nodes, TILE, TILE_LAYER, Tile, home, tile_position};
+use super::grid::{BLOCK, Grid, NONE, Nodes, Place, RIM, TILE, TILE_LAYER, Tile, home, tile_position};
 use super::lanes::Isa;
 use super::particles::{Bin, Moving, Particle};
 use super::scheme::Scheme;
 use super::spline::weights_of;
 use super::transfer::{Arrive, Elastic, Next, Pass, Report};
-use super::update::{Exchange, Update};
+use super::update::{Exchange, Summed, Update};
 use crate::elastomer::settings::Base;
 use crate::pose::Pose;
 use rayon::prelude::*;
@@ -51,11 +51,48 @@ pub struct Body {
     /// Mass and momentum that each block's particles put on the grid; none where there are no particles.
     tiles: Vec<Option<Box<Tile>>>,
     nodes: Vec<Nodes>,
+    known: Vec<Known>,
     cloud_tiles: Vec<Option<Box<Tile>>>,
     /// Momentum that the base gave in the last pass, solver's units.
     pub base_impulse: [f64; 3],
     /// Sum of the particles' squared velocities in the last pass, cells per step.
     pub speed_squared: f64,
+    /// Particles in the blocks that the last pass computed.
+    pub computed: usize,
+    /// Whether blocks at rest are computed all the same, for measurements. Nothing but time comes of it: a block is passed over
+    /// when what it sees is exactly zero and was in its last pass.
+    pub rest_is_computed: bool,
+}
+
+/// What is known of a block's nodes.
+#[derive(Debug, Clone, Copy, Default)]
+struct Known {
+    /// Whether they are the sums of the tiles as those are.
+    summed: bool,
+    /// Whether any of them moved when last summed.
+    moving: bool,
+    /// Whether the indenter was in the sums.
+    met: bool,
+}
+
+/// How many layers of a block's cells, from the lowest, are below a node that the pad reaches: in the block or in those that its
+/// tile reaches into.
+fn layers_below_pad(place: &Place, places: &[Place], tiles: &[Option<Box<Tile>>]) -> usize {
+    let reached = |upper: usize| {
+        let place = &places[place.upper[upper] as usize];
+        let from = |lower: usize| place.lower[lower] != NONE && tiles[place.lower[lower] as usize].is_some();
+        let nodes = if (0..4).any(from) { BLOCK[2] } else { usize::from((4..8).any(from)) * RIM };
+        if nodes == 0 { 0 } else { nodes + (upper >> 2) * BLOCK[2] }
+    };
+    let upper = (0..8).filter(|&n| place.upper[n] != NONE);
+    upper.map(reached).max().unwrap_or(0).min(BLOCK[2])
+}
+
+/// The tile of a block is another than it was.
+fn forget_sums(known: &mut [Known], place: &Place) {
+    for &slot in place.upper.iter().filter(|&&slot| slot != NONE) {
+        known[slot as usize].summed = false;
+    }
 }
 
 impl Body {
@@ -118,9 +155,12 @@ impl Body {
             bins: Vec::new(),
             tiles: Vec::new(),
             nodes: Vec::new(),
+            known: Vec::new(),
             cloud_tiles: Vec::new(),
             base_impulse: [0.0; 3],
             speed_squared: 0.0,
+            computed: 0,
+            rest_is_computed: false,
         }
     }
 
@@ -163,6 +203,7 @@ impl Body {
             self.tiles[slot] = tile;
         }
         self.nodes.resize_with(n, Nodes::zero);
+        self.known = vec![Known::default(); n];
         self.cloud_tiles.clear();
         self.cloud_tiles.resize_with(n, || None);
     }
@@ -185,7 +226,7 @@ impl Body {
     pub fn memory_bytes(&self) -> (usize, usize) {
         let batches: usize = self.bins.iter().map(|b| b.batches.capacity()).sum();
         let tiles = self.tiles.iter().chain(&self.cloud_tiles).flatten().count();
-        let per_place = size_of::<Nodes>() + size_of::<super::grid::Place>() + size_of::<Bin>();
+        let per_place = size_of::<Nodes>() + size_of::<Place>() + size_of::<Bin>();
         (
             batches * size_of::<super::particles::Batch>(),
             self.grid.places.len() * per_place + tiles * size_of::<Tile>(),
@@ -196,23 +237,41 @@ impl Body {
     pub fn scatter_cloud(&mut self, cloud: &Cloud, from: &Pose, to: &Pose) {
         let (grid, isa) = (&self.grid, self.isa);
         let step = CloudStep::new(cloud, from, to, grid.lower_mm, grid.dx_mm);
+        let tiles = &self.tiles;
         self.cloud_tiles.par_iter_mut().zip(&grid.places).for_each(|(tile, place)| {
-            isa.run(ScatterCloud { step: &step, origin: place.origin(), tile });
+            let origin = place.origin();
+            let layers = if step.reaches(origin) { layers_below_pad(place, &grid.places, tiles) } else { 0 };
+            if layers == 0 {
+                *tile = None;
+            } else {
+                isa.run(ScatterCloud { step: &step, origin, layers, tile });
+            }
         });
     }
 
     /// Grid momentum to velocity. Returns what the indenter gave.
     pub fn update_grid(&mut self) -> Exchange {
         let (grid, tiles, indenter, isa) = (&self.grid, &self.tiles, &self.cloud_tiles, self.isa);
+        let rest_is_computed = self.rest_is_computed;
         let parts: Vec<Exchange> = self
             .nodes
             .par_iter_mut()
+            .zip(&mut self.known)
             .zip(&grid.places)
-            .map(|(nodes, place)| {
+            .map(|((nodes, known), place)| {
+                let met = place.lower.iter().any(|&slot| slot != NONE && indenter[slot as usize].is_some());
+                if known.summed && !known.met && !met && !rest_is_computed {
+                    return Exchange::default();
+                }
                 let origin = place.origin();
                 let first_node =
                     std::array::from_fn(|d| grid.lower_mm[d] / grid.dx_mm + f64::from(origin[d]));
-                isa.run(Update { place, tiles, indenter, first_node, nodes })
+                let after = grid.places.get(place.lower[0] as usize + 1).map_or(NONE, |next| next.lower[4]);
+                let below_next = tiles.get(after as usize).and_then(Option::as_deref);
+                let update = Update { place, tiles, indenter, below_next, first_node, nodes };
+                let Summed { exchange, moving } = isa.run(update);
+                *known = Known { summed: true, moving, met };
+                exchange
             })
             .collect();
         let mut sum = Exchange::default();
@@ -234,7 +293,8 @@ impl Body {
             batches: self.bins.get(slot).map_or(null(), |bin| bin.batches.as_ptr().cast()),
         };
         let nexts: Vec<Next> = (0..self.bins.len()).map(|slot| next(slot + 1)).collect();
-        let reports: Vec<Report> = self
+        let (known, rest_is_computed) = (&self.known, self.rest_is_computed);
+        let reports: Vec<Option<Report>> = self
             .bins
             .par_iter_mut()
             .zip(&mut self.tiles)
@@ -242,15 +302,27 @@ impl Body {
             .zip(&nexts)
             .map_init(
                 || Box::new(Tile::zero()),
-                |velocities, (((bin, tile), place), &next)| match tile {
-                    Some(tile) => {
-                        isa.run(Pass { place, nodes, bin, tile, velocities, next, elastic, base, advance })
+                |velocities, (((bin, tile), place), &next)| {
+                    let tile = tile.as_deref_mut()?;
+                    let still = place.upper.iter().all(|&slot| slot == NONE || !known[slot as usize].moving);
+                    if still && bin.still && !rest_is_computed {
+                        return None;
                     }
-                    None => Report::default(),
+                    let pass = Pass { place, nodes, bin, tile, velocities, next, elastic, base, advance };
+                    let report = isa.run(pass);
+                    bin.still = still;
+                    Some(report)
                 },
             )
             .collect();
-        let first = |which: fn(&Report) -> Option<u32>| reports.iter().filter_map(which).min();
+        self.computed = 0;
+        for (slot, report) in reports.iter().enumerate() {
+            if let Some(report) = report {
+                self.computed += self.bins[slot].len() + report.leavers.len();
+                forget_sums(&mut self.known, &self.grid.places[slot]);
+            }
+        }
+        let first = |which: fn(&Report) -> Option<u32>| reports.iter().flatten().filter_map(which).min();
         for (particle, what) in [(first(|r| r.runaway), RUNAWAY), (first(|r| r.crushed), CRUSHED)] {
             if let Some(particle) = particle {
                 return Err(Fault { particle: particle as usize, what });
@@ -258,7 +330,7 @@ impl Body {
         }
         self.base_impulse = [0.0; 3];
         self.speed_squared = 0.0;
-        for r in &reports {
+        for r in reports.iter().flatten() {
             self.speed_squared += r.speed_squared;
             for d in 0..3 {
                 self.base_impulse[d] += r.base_impulse[d];
@@ -268,11 +340,11 @@ impl Body {
     }
 
     /// Gives the particles that left a block to the block they came to.
-    fn move_in(&mut self, reports: &[Report]) -> Result<(), Fault> {
+    fn move_in(&mut self, reports: &[Option<Report>]) -> Result<(), Fault> {
         let mut changed = false;
         let mut arrivals: BTreeMap<usize, Vec<(Moving, u16)>> = BTreeMap::new();
         for (from, report) in reports.iter().enumerate() {
-            for m in &report.leavers {
+            for m in report.iter().flat_map(|report| &report.leavers) {
                 let p = &m.particle;
                 let (block, node) = home(p.cell);
                 if !self.grid.encloses(block) {
@@ -305,6 +377,7 @@ impl Body {
         let (isa, elastic) = (self.isa, self.elastic());
         let mut crushed = None;
         for (&slot, arrivals) in arrivals {
+            forget_sums(&mut self.known, &self.grid.places[slot]);
             let tile = self.tiles[slot].get_or_insert_with(|| Box::new(Tile::zero()));
             crushed = crushed.or(isa.run(Arrive { arrivals, tile, elastic }));
         }

@@ -7,7 +7,8 @@
 //! dense as the pad, so a shared node moves nearly with the indenter.
 //!
 //! Points are kept in buckets of the indenter's own frame. Each block of the grid asks for the points in
-//! its cells, so a moving and turning cloud needs no sorting, and blocks away from the pad never ask.
+//! its cells, so a moving and turning cloud needs no sorting. Blocks away from the pad never ask, nor those beside it for points so
+//! high that they share no node with it.
 
 use super::grid::{BLOCK, Tile, tile_node};
 use super::lanes::{Kernel, Lanes, Row, WIDTH};
@@ -219,8 +220,13 @@ impl<'a> CloudStep<'a> {
         Self { cloud, from: placed(from), to: placed(to), dx_mm }
     }
 
+    /// Whether any point can belong to the block whose first cell this is.
+    pub fn reaches(&self, origin: [i32; 3]) -> bool {
+        self.near(corners_of(origin, BLOCK[2])).next().is_some()
+    }
+
     /// The points that can lie, at the beginning, in a box of the grid given by its middle and half its sides, cells.
-    fn near(&self, middle: DVec3, half: DVec3) -> impl Iterator<Item = &Points> {
+    fn near(&self, (middle, half): (DVec3, DVec3)) -> impl Iterator<Item = &Points> {
         let (c, s) = (self.from.cos * self.dx_mm, self.from.sin * self.dx_mm);
         let p = middle - DVec3::from_array(self.from.shift);
         let middle = DVec3::new(c * p.x + s * p.y, c * p.y - s * p.x, p.z) * self.dx_mm;
@@ -230,12 +236,21 @@ impl<'a> CloudStep<'a> {
     }
 }
 
+/// Where the points lie whose stencils have their lower corners in the lowest `layers` of a block: the middle of that box and half
+/// its sides, with a little to spare, cells. They lie half a cell further up than the corners.
+fn corners_of(origin: [i32; 3], layers: usize) -> (DVec3, DVec3) {
+    let half = DVec3::new(BLOCK[0] as f64, BLOCK[1] as f64, layers as f64) * 0.5;
+    (DVec3::from_array(origin.map(|o| f64::from(o) + 0.5)) + half, half * 1.001)
+}
+
 /// The indenter's motion as one block sees it.
 pub struct ScatterCloud<'a> {
     /// What moves.
     pub step: &'a CloudStep<'a>,
     /// First cell of the block.
     pub origin: [i32; 3],
+    /// How many of its layers of cells are looked for points in; those above touch no node that the pad touches.
+    pub layers: usize,
     /// The tile to fill, kept from step to step; `None` when no point is near.
     pub tile: &'a mut Option<Box<Tile>>,
 }
@@ -245,16 +260,14 @@ impl Kernel for ScatterCloud<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        // The lower corners of stencils in the block belong to points half a cell further up.
-        let half = DVec3::from_array(BLOCK.map(|b| 0.5 * b as f64));
-        let middle = DVec3::from_array(self.origin.map(|o| f64::from(o) + 0.5)) + half;
+        let sides = [BLOCK[0], BLOCK[1], self.layers].map(|n| n as f32);
         let CloudStep { from, to, dx_mm, .. } = *self.step;
         let fill = |x: f64| L::fill(x as f32);
         let (cos, sin, per_mm) = (fill(from.cos), fill(from.sin), fill(1.0 / dx_mm));
         let (cos_more, sin_more) = (fill(to.cos - from.cos), fill(to.sin - from.sin));
         let (along_x, mut between) = (AlongX::<L>::in_registers(), Between::EMPTY);
         let mut filled = false;
-        for points in self.step.near(middle, half * 1.001) {
+        for points in self.step.near(corners_of(self.origin, self.layers)) {
             let (px, py, pz) = (L::load(&points.x), L::load(&points.y), L::load(&points.z));
             // Position and displacement are affine in the indenter's coordinates.
             let x = [
@@ -269,7 +282,7 @@ impl Kernel for ScatterCloud<'_> {
             for d in 0..3 {
                 let base = (x[d] - L::fill(0.5)).floor();
                 let local = base - L::fill(self.origin[d] as f32);
-                inside &= L::fill(-0.5).less(local) & local.less(L::fill(BLOCK[d] as f32 - 0.5));
+                inside &= L::fill(-0.5).less(local) & local.less(L::fill(sides[d] - 0.5));
                 (x[d] - base).store(&mut offset[d]);
                 local.store(&mut corner[d]);
             }

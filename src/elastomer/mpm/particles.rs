@@ -104,6 +104,8 @@ impl Batch {
 pub struct Bin {
     /// All full but the last.
     pub batches: Vec<Batch>,
+    /// Whether nothing moved there in the last pass and nothing came since: another such pass would leave all as it is.
+    pub still: bool,
 }
 
 impl Bin {
@@ -119,6 +121,7 @@ impl Bin {
 
     /// Adds a particle that lies at `node` of this block's tile.
     pub fn push(&mut self, p: &Particle, node: u16) {
+        self.still = false;
         if self.batches.last().is_none_or(|b| b.len as usize == WIDTH) {
             // Room for one batch more, not for twice as many: blocks hardly grow.
             self.batches.reserve_exact(1);

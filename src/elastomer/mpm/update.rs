@@ -11,6 +11,8 @@ use std::ptr::null;
 
 /// A node slower than this, in cells per step, stands still: see the same threshold for strains.
 const STILL: f32 = 1e-15;
+/// The lanes of a row that are components of velocity; the fourth of a node is its mass.
+const VELOCITY: u16 = 0x7777;
 
 /// Momentum handed from the indenter to the grid in one pass, in the solver's units.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -21,6 +23,15 @@ pub struct Exchange {
     pub torque: f64,
 }
 
+/// What comes of summing a block's nodes.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Summed {
+    /// What the indenter gave there.
+    pub exchange: Exchange,
+    /// Whether any of the nodes moves.
+    pub moving: bool,
+}
+
 /// Sums a block's nodes from the tiles that reach into it and turns momentum into velocity.
 pub struct Update<'a> {
     /// The block.
@@ -29,6 +40,8 @@ pub struct Update<'a> {
     pub tiles: &'a [Option<Box<Tile>>],
     /// The indenter's tiles of this step.
     pub indenter: &'a [Option<Box<Tile>>],
+    /// The tile below the block that comes next.
+    pub below_next: Option<&'a Tile>,
     /// Position of the block's first node from the pad frame's origin, cells.
     pub first_node: [f64; 3],
     /// Result.
@@ -63,26 +76,33 @@ fn sum_row<L: Lanes>(tiles: &Reaching, j: usize, k: usize) -> L {
 }
 
 impl Kernel for Update<'_> {
-    type Output = Exchange;
+    type Output = Summed;
 
     #[inline(always)]
-    fn run<L: Lanes>(self) -> Exchange {
+    fn run<L: Lanes>(self) -> Summed {
         let mut exchange = Exchange::default();
         let (own, foreign) = (reaching(self.place, self.tiles), reaching(self.place, self.indenter));
         if own.iter().all(Option::is_none) {
-            return exchange;
+            return Summed::default();
         }
         let meets = foreign.iter().any(Option::is_some);
         // Nodes that nothing reached keep velocity zero: their momentum is zero, too.
         let (none, least, still) = (L::fill(0.0), L::fill(f32::MIN_POSITIVE), L::fill(STILL));
         let (mut pad, mut theirs) = (Row::ZERO, Row::ZERO);
+        let mut moving = 0;
         // The next block's memory is asked for meanwhile.
         let next = self.tiles.get(self.place.lower[0] as usize + 1).and_then(Option::as_deref);
         let next_tile = next.map_or(null(), |tile| tile.0.as_ptr());
         let next_nodes = self.nodes.0.as_ptr_range().end;
         let lines = size_of::<Tile>().div_ceil(size_of::<Nodes>());
+        // Of the tile below the next block only the rim was not read lately.
+        let below =
+            self.below_next.map_or(null(), |tile| tile.at((BLOCK[2] * TILE_LAYER) as _).cast::<Row>());
         for (r, row) in self.nodes.0.iter_mut().enumerate() {
             L::fetch_later(next_nodes.wrapping_add(r));
+            if r < RIM * TILE_LAYER / 4 {
+                L::fetch_later(below.wrapping_add(r));
+            }
             for line in 0..lines {
                 L::fetch_later(next_tile.wrapping_add(lines * r + line));
             }
@@ -99,7 +119,12 @@ impl Kernel for Update<'_> {
                 total = total + added;
             }
             let v = total.over(total.fourth_of_group().larger(least));
-            v.keep(still.less(v.larger(-v))).store(row);
+            let felt = still.less(v.larger(-v));
+            moving |= felt & VELOCITY;
+            v.keep(felt).store(row);
+            if shared == 0 {
+                continue;
+            }
             for i in (0..4).filter(|i| shared >> (4 * i) & 1 == 1) {
                 let at = |row: &Row, d: usize| f64::from(row.0[4 * i + d]);
                 let mass = at(&theirs, 3);
@@ -113,6 +138,6 @@ impl Kernel for Update<'_> {
                 exchange.torque += x * given[1] - y * given[0];
             }
         }
-        exchange
+        Summed { exchange, moving: moving != 0 }
     }
 }

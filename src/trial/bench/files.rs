@@ -69,11 +69,11 @@ fn optional(value: Option<f64>) -> String {
 
 fn throughput_csv(report: &Report) -> String {
     let mut text = String::from(
-        "who,mode,law,particles,threads,isa,steps,passes,particle_steps_per_s,median,best,per_cpu_s,bytes_per_particle,bytes_per_node,bytes,flops_per_particle_step,peak_flops_per_s,bound,of_peak,bytes_per_particle_step,stream_bytes_per_s,of_stream\n",
+        "who,mode,law,particles,threads,isa,steps,passes,computed,particle_steps_per_s,median,best,per_cpu_s,bytes_per_particle,bytes_per_node,bytes,flops_per_particle_step,peak_flops_per_s,bound,of_peak,bytes_per_particle_step,stream_bytes_per_s,of_stream\n",
     );
     for t in &report.throughput {
         text += &format!(
-            "twinrig,{:?},{:?},{},{},{},{},{},{:.4e},{:.4e},{:.4e},{:.4e},{:.1},{:.1},{},{},{:.4e},{:.4e},{:.4},{:.1},{:.4e},{:.4}\n",
+            "twinrig,{:?},{:?},{},{},{},{},{},{:.3},{:.4e},{:.4e},{:.4e},{:.4e},{:.1},{:.1},{},{},{:.4e},{:.4e},{:.4},{:.1},{:.4e},{:.4}\n",
             t.mode,
             t.law,
             t.particles,
@@ -81,6 +81,7 @@ fn throughput_csv(report: &Report) -> String {
             t.isa,
             t.steps,
             t.passes,
+            t.computed,
             t.particle_steps_per_s,
             t.median_particle_steps_per_s,
             t.best_particle_steps_per_s,
@@ -100,7 +101,7 @@ fn throughput_csv(report: &Report) -> String {
     for p in &report.peers {
         if let Some(rate) = p.particle_steps_per_s {
             let name = quoted(&format!("{}, {}", p.name, p.work));
-            text += &format!("{name},,,{},2,,,,{rate:.4e},,,,,,,,,,,,,\n", optional(p.particles));
+            text += &format!("{name},,,{},2,,,,,{rate:.4e},,,,,,,,,,,,,\n", optional(p.particles));
         }
     }
     text

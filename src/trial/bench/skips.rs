@@ -5,6 +5,7 @@
 
 use super::timing::once;
 use super::{Effort, Stage};
+use crate::elastomer::mpm::ExplicitSolver;
 use crate::elastomer::quasi_static::{QuasiStaticSolver, Resolution};
 use crate::elastomer::{self, Elastomer, ElastomerCapture, Error, Friction, Law, Mode, Settings};
 use crate::indenter::Indenter;
@@ -48,7 +49,7 @@ const DEPTH_MM: f64 = 0.5;
 const SURFACE: usize = 201;
 
 /// Name of the skip, the work that is measured, and how.
-const ROWS: [(&str, &str, Measure); 7] = [
+const ROWS: [(&str, &str, Measure); 8] = [
     (
         "nothing is solved before first touch",
         "0.4 mm of travel in the air against as much in a contact of 0.1 mm",
@@ -79,6 +80,11 @@ const ROWS: [(&str, &str, Measure); 7] = [
         "no explicit step before first touch",
         "mpm, 51x51x11: 2 mm of travel in the air, before and after a touch",
         explicit_before_touch,
+    ),
+    (
+        "what is at rest is no explicit step",
+        "mpm, 101x101x21: a press of 1 mm from first touch, blocks that stay as they are passed over, against all computed",
+        explicit_rest,
     ),
 ];
 
@@ -198,6 +204,22 @@ fn explicit_before_touch(_: f64, repeats: usize) -> Result<Effect, Error> {
         (1..=4).try_for_each(|n| state.advance(&at(0.5 * f64::from(n), 5.0)))
     };
     compare(repeats, || travel(base.as_ref()), || travel(touched.as_ref()))
+}
+
+fn explicit_rest(_: f64, repeats: usize) -> Result<Effect, Error> {
+    let settings = Settings { mode: Mode::Mpm, particles: [101, 101, 21], ..Settings::default() };
+    let pad = scene::pad(Law::FixedCorotated);
+    let press = |rest_is_computed: bool| {
+        let mut solver = ExplicitSolver::new(&pad, &settings, scene::sphere(4.0), &at(0.0, 0.0))?;
+        solver.compute_rest(rest_is_computed);
+        solver.advance(&at(0.0, -1.0))?;
+        solver.capture(SURFACE, SURFACE)
+    };
+    let (passed, all) = (press(false)?, press(true)?);
+    let everywhere = f64::INFINITY;
+    let [apart_um, _] = scene::height_difference_um(&passed.surface, &all.surface, everywhere, everywhere);
+    let (times, _) = compare(repeats, || press(false).map(|_| ()), || press(true).map(|_| ()))?;
+    Ok((times, Some([1e-3 * apart_um, 0.0])))
 }
 
 /// A press of 0.5 mm over cells as given, and what the face is then.

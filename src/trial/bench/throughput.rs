@@ -16,8 +16,9 @@ pub(super) fn plan(effort: Effort, stages: &mut Vec<Stage>) {
     threads.retain(|t| *t < cores);
     threads.push(cores);
     let mut add = |load: Load| {
-        let Load { mode, law, particles: [x, y, z], threads, .. } = load;
-        let name = format!("throughput {mode:?} {law:?} {x}x{y}x{z}, {threads} threads");
+        let Load { mode, law, particles: [x, y, z], threads, rest_is_computed, .. } = load;
+        let rest = if rest_is_computed { "" } else { ", what is at rest passed over" };
+        let name = format!("throughput {mode:?} {law:?} {x}x{y}x{z}, {threads} threads{rest}");
         let stage = move |report: &mut super::Report| {
             report.throughput.push(throughput(&load)?);
             Ok(())
@@ -27,7 +28,7 @@ pub(super) fn plan(effort: Effort, stages: &mut Vec<Stage>) {
     match effort {
         Effort::Smoke => {
             add(Load::of([41, 41, 9], 1, 3));
-            add(Load { mode: Mode::Impm, ..Load::of([41, 41, 9], cores, 3) });
+            add(Load { mode: Mode::Impm, rest_is_computed: false, ..Load::of([41, 41, 9], cores, 3) });
         }
         Effort::Quick => {
             for threads in [1, cores] {
@@ -40,6 +41,7 @@ pub(super) fn plan(effort: Effort, stages: &mut Vec<Stage>) {
                 for threads in &threads {
                     add(Load::of(particles, *threads, steps));
                 }
+                add(Load { rest_is_computed: false, ..Load::of(particles, cores, steps) });
                 add(Load { mode: Mode::Impm, ..Load::of(particles, cores, steps) });
                 add(Load { law: Law::NeoHookean, ..Load::of(particles, cores, steps) });
             }

@@ -105,3 +105,35 @@ fn instruction_sets_agree_to_rounding() {
         assert!(worst < 2e-5, "{isa:?}: {worst} mm");
     }
 }
+
+/// A press, a slide and a return, with the relative-rest loop: blocks wake, meet the indenter and come to see it go.
+#[test]
+fn passing_over_what_is_at_rest_changes_no_bit() {
+    let settings = Settings { rest_limit: 3, ..settings(Mode::Impm, [61, 61, 9]) };
+    let pad = pad([20.0, 20.0, 2.0]);
+    let start = Pose::new(-4.0, 0.0, 0.0, 0.0);
+    let follow = |rest_is_computed: bool| {
+        let mut solver =
+            ExplicitSolver::new(&pad, &settings, Arc::new(shapes::Ball { radius_mm: 2.0 }), &start)
+                .expect("a sound pad");
+        solver.compute_rest(rest_is_computed);
+        let mut seen = Vec::new();
+        for (x, z) in [(-4.0, -0.3), (-3.0, -0.3), (-3.0, 0.6), (-1.0, 1.0)] {
+            solver.advance(&Pose::new(x, 0.0, z, 0.0)).expect("a short way");
+            let c = solver.capture(61, 61).expect("a whole face");
+            let positions: Vec<[u32; 3]> =
+                c.surface.positions.iter().map(|p| p.to_array().map(f32::to_bits)).collect();
+            let forces = [c.forces.normal_force_n, c.forces.torque_n_mm, c.stats.elastic_energy_n_mm];
+            let part = solver.body.computed as f64 / solver.body.len() as f64;
+            seen.push(((positions, forces.map(f64::to_bits)), part));
+        }
+        seen
+    };
+    let (passed, all) = (follow(false), follow(true));
+    for ((passed, part), (all, whole)) in passed.iter().zip(&all) {
+        assert!(passed == all);
+        assert!(*whole == 1.0 && *part <= 1.0);
+    }
+    // The far end of the pad has heard nothing of the press.
+    assert!(passed[0].1 < 0.8, "{}", passed[0].1);
+}
