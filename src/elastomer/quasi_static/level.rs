@@ -7,7 +7,7 @@ use super::contact::{Contacts, Loads, STICK_STRENGTH};
 use super::frames::Frames;
 use super::grid::Grid;
 use super::layer::RestLayer;
-use super::newton::{Machine, Newton, Outcome, Problem, State};
+use super::newton::{Machine, Newton, Outcome, Problem, State, Strain};
 use super::operator::Operator;
 use super::probe;
 use super::resolution::{GUESS_RESIDUAL, LONGEST_INCREMENT_MM, Resolution};
@@ -330,8 +330,8 @@ impl Level {
         let problem = Problem { machine: &machine, indenter, pose, least_force: self.least_force };
         let way = way_between(&saved.pose, pose);
         let drags = drags(&way);
-        self.guess(&problem, &way, hint);
-        match self.settle(&problem, leave) {
+        let strain = self.guess(&problem, &way, hint);
+        match self.settle(&problem, strain, leave) {
             Ok(outcome) if leave.cautious && drags && self.unzips(&problem, &way) => {
                 self.at = saved;
                 Err(outcome)
@@ -376,32 +376,39 @@ impl Level {
 
     /// Guesses the displacement at the next pose: as a coarser level says, else extrapolated where the way
     /// goes on as before, and then one linear solve in which what touches keeps touching. A guess that folds the
-    /// pad is dropped.
-    fn guess(&mut self, problem: &Problem<'_>, way: &[f64; 4], hint: Option<&[f32]>) {
+    /// pad is dropped. Answers the strain there.
+    fn guess(&mut self, problem: &Problem<'_>, way: &[f64; 4], hint: Option<&[f32]>) -> Strain {
+        let operator = &problem.machine.operator;
         let before = self.at.u.clone();
         if let Some(hint) = hint {
             for (u, h) in self.at.u.iter_mut().zip(hint) {
                 *u += h;
             }
-            if self.newton.least_volume(&problem.machine.operator, &self.at.u) > GUESS_VOLUME {
-                return;
+            let strain = self.newton.strain(operator, &self.at.u);
+            if strain.evaluation.least_volume > GUESS_VOLUME {
+                return strain;
             }
             self.at.u.copy_from_slice(&before);
         }
         if self.at.at_rest {
-            return;
+            return self.newton.strain(operator, &self.at.u);
         }
+        let mut extrapolated = None;
         if let Some((older, last_way)) = &self.at.last
             && let Some(s) = along(way, last_way)
         {
             for (u, b) in self.at.u.iter_mut().zip(older) {
                 *u += s as f32 * (*u - b);
             }
-            if !(self.newton.least_volume(&problem.machine.operator, &self.at.u) > GUESS_VOLUME) {
+            let strain = self.newton.strain(operator, &self.at.u);
+            if strain.evaluation.least_volume > GUESS_VOLUME {
+                extrapolated = Some(strain);
+            } else {
                 self.at.u.copy_from_slice(&before);
             }
         }
-        self.newton.predict(problem, &mut self.at.contacts, &mut self.at.u);
+        let strain = extrapolated.unwrap_or_else(|| self.newton.strain(operator, &self.at.u));
+        self.newton.predict(problem, &mut self.at.contacts, &mut self.at.u, strain)
     }
 
     /// Solves in rounds until multipliers, anchors and bounds agree with the displacement, or as nearly as
@@ -411,11 +418,11 @@ impl Level {
     ///
     /// Where the pad is unstable (negative curvature), it matters how it was come by: rounding decides which way it
     /// gives. Shorter increments mostly keep clear of such places, so cautious ones end there, and where they take long.
-    fn settle(&mut self, problem: &Problem<'_>, leave: Leave) -> Result<Outcome, Outcome> {
+    fn settle(&mut self, problem: &Problem<'_>, strain: Strain, leave: Leave) -> Result<Outcome, Outcome> {
         let begun = self.newton.passes;
         self.newton.indefinite = false;
         self.at.contacts.choose_sides(problem.indenter, problem.pose, &self.at.u);
-        let mut state = self.newton.begin(problem, &mut self.at.contacts, &self.at.u);
+        let mut state = self.newton.begin(problem, &mut self.at.contacts, &self.at.u, strain);
         let depth_mm = self.at.contacts.depth_mm(problem.indenter, problem.pose);
         let allowed_mm = self.penetration * depth_mm.max(LEAST_DEPTH_MM);
         let mut spent = 0;
@@ -481,7 +488,7 @@ impl Level {
     /// Whether the base bears what presses on the face.
     fn is_balanced(&self, problem: &Problem<'_>, state: &State) -> bool {
         let (force, _) = self.at.contacts.resultant(problem.pose);
-        (force.z.abs() - state.base_force.abs()).abs()
+        (force.z.abs() - state.strain.base_force.abs()).abs()
             <= LARGEST_IMBALANCE * force.z.abs().max(self.least_force)
     }
 

@@ -27,10 +27,8 @@ const PREDICTED: f64 = 0.2;
 /// Tangent applications in one Newton iteration.
 const MOST_PASSES: u32 = 150;
 
-/// Numbers of a field that one thread goes over at a time.
+/// Numbers of a field that one thread goes over at a time: what another thread that is awake does not begin for less.
 const RUN: usize = 16384;
-/// Numbers that one thread has gone over before another has begun.
-const SHORT: usize = 4 * RUN;
 
 /// The parts of a solver that do not change.
 #[derive(Debug)]
@@ -104,22 +102,45 @@ impl Newton {
         Self { interrupt, ..Self::default() }
     }
 
-    /// Predicts the displacement at a new pose: one linear solve in which what touches keeps touching.
-    pub fn predict(&mut self, problem: &Problem<'_>, contacts: &mut Contacts, u: &mut Vec<f32>) {
-        let grid = problem.machine.operator.grid();
+    /// The pad at displacement `u`, from which [`Self::begin`] goes on.
+    pub fn strain(&mut self, operator: &Operator, u: &[f32]) -> Strain {
+        self.elastic.resize(operator.grid().field_len(), 0.0);
+        strain(operator, u, &mut self.elastic, &mut self.tangent)
+    }
+
+    /// Predicts the displacement at a new pose from `u`, whose strain was the last that was found: one linear solve in which what
+    /// touches keeps touching. Answers the strain it ends with.
+    pub fn predict(
+        &mut self,
+        problem: &Problem<'_>,
+        contacts: &mut Contacts,
+        u: &mut Vec<f32>,
+        strain: Strain,
+    ) -> Strain {
+        let operator = &problem.machine.operator;
         contacts.set_bilateral(true);
-        let state = self.begin(problem, contacts, u);
+        let state = self.begin(problem, contacts, u, strain);
+        let mut found = strain;
         if state.valid() {
             self.iterations += 1;
-            self.springs.update(grid, &problem.machine.green, problem.machine.frames.as_ref(), contacts);
+            self.springs.update(
+                operator.grid(),
+                &problem.machine.green,
+                problem.machine.frames.as_ref(),
+                contacts,
+            );
             self.direction(problem, contacts, PREDICTED);
             let mut trial = std::mem::take(&mut self.trial);
             let mut part = 1.0;
-            for _ in 0..4 {
+            for attempt in 0..5 {
+                if attempt == 4 {
+                    found = self.strain(operator, u);
+                    break;
+                }
                 trial.clear();
                 trial.extend(u.iter().zip(&self.step).map(|(u, s)| u + part * s));
-                let least = problem.machine.operator.evaluate(&trial, &mut self.elastic, &mut self.tangent);
-                if least.least_volume > 0.1 {
+                found = self.strain(operator, &trial);
+                if found.evaluation.least_volume > 0.1 {
                     std::mem::swap(u, &mut trial);
                     break;
                 }
@@ -128,29 +149,23 @@ impl Newton {
             self.trial = trial;
         }
         contacts.set_bilateral(false);
+        found
     }
 
-    /// Least volume ratio at displacement `u`.
-    pub fn least_volume(&mut self, operator: &Operator, u: &[f32]) -> f32 {
-        self.trial_elastic.resize(operator.grid().field_len(), 0.0);
-        operator.evaluate(u, &mut self.trial_elastic, &mut self.tangent).least_volume
-    }
-
-    /// Forces at `u`, from which [`Self::solve`] goes on.
-    pub fn begin(&mut self, problem: &Problem<'_>, contacts: &mut Contacts, u: &[f32]) -> State {
+    /// Forces at `u`, whose strain was the last that was found; [`Self::solve`] goes on from them.
+    pub fn begin(
+        &mut self,
+        problem: &Problem<'_>,
+        contacts: &mut Contacts,
+        u: &[f32],
+        strain: Strain,
+    ) -> State {
         let n = problem.machine.operator.grid().field_len();
-        for v in [&mut self.elastic, &mut self.residual, &mut self.step] {
+        for v in [&mut self.residual, &mut self.step, &mut self.trial_elastic, &mut self.trial_residual] {
             v.resize(n, 0.0);
         }
-        for v in [&mut self.trial_elastic, &mut self.trial_residual] {
-            v.resize(n, 0.0);
-        }
-        let mut elastic = std::mem::take(&mut self.elastic);
-        let mut residual = std::mem::take(&mut self.residual);
-        let state = self.measure(problem, contacts, u, &mut elastic, &mut residual);
-        self.elastic = elastic;
-        self.residual = residual;
-        state
+        contacts.linearise(problem.indenter, problem.pose, u);
+        State { strain, relative: balance(problem, contacts, &self.elastic, &mut self.residual) }
     }
 
     /// Forces at the same `u` after the contacts' multipliers, anchors or bounds have changed.
@@ -161,7 +176,8 @@ impl Newton {
         u: &[f32],
         state: &mut State,
     ) {
-        state.relative = balance(problem, contacts, u, &self.elastic, &mut self.residual);
+        contacts.linearise(problem.indenter, problem.pose, u);
+        state.relative = balance(problem, contacts, &self.elastic, &mut self.residual);
     }
 
     /// Takes Newton steps from `u`, whose forces are `state`, until the residual is below `goal`.
@@ -191,8 +207,8 @@ impl Newton {
             converged: state.relative <= goal,
             residual: state.relative,
             iterations,
-            evaluation: state.evaluation,
-            base_force: state.base_force,
+            evaluation: state.strain.evaluation,
+            base_force: state.strain.base_force,
         }
     }
 
@@ -205,18 +221,9 @@ impl Newton {
         elastic: &mut [f32],
         residual: &mut [f32],
     ) -> State {
-        let op = &problem.machine.operator;
-        let grid = op.grid();
-        let evaluation = op.evaluate(u, elastic, &mut self.tangent);
-        let plane = grid.plane();
-        let base = grid.at(2, 0);
-        let base_force: f64 = elastic[base..base + plane].iter().map(|v| f64::from(*v)).sum();
-        for c in 0..3 {
-            let at = grid.at(c, 0);
-            elastic[at..at + plane].fill(0.0);
-        }
-        let relative = balance(problem, contacts, u, elastic, residual);
-        State { evaluation, relative, base_force }
+        let strain = strain(&problem.machine.operator, u, elastic, &mut self.tangent);
+        contacts.linearise(problem.indenter, problem.pose, u);
+        State { strain, relative: balance(problem, contacts, elastic, residual) }
     }
 
     /// Conjugate gradients for `step` = -K^-1 residual, to a relative reduction `goal`.
@@ -327,17 +334,24 @@ impl Newton {
     }
 }
 
+/// Internal forces at `u` in `elastic`, without those that the base bears.
+fn strain(operator: &Operator, u: &[f32], elastic: &mut [f32], tangent: &mut Tangent) -> Strain {
+    let evaluation = operator.evaluate(u, elastic, tangent);
+    let grid = operator.grid();
+    let plane = grid.plane();
+    let base = grid.at(2, 0);
+    let base_force: f64 = elastic[base..base + plane].iter().map(|v| f64::from(*v)).sum();
+    for c in 0..3 {
+        let at = grid.at(c, 0);
+        elastic[at..at + plane].fill(0.0);
+    }
+    Strain { evaluation, base_force }
+}
+
 /// Residual of the contact forces against `elastic`, relative to the contact forces as they sit on the
 /// control points of the face.
-fn balance(
-    problem: &Problem<'_>,
-    contacts: &mut Contacts,
-    u: &[f32],
-    elastic: &[f32],
-    residual: &mut [f32],
-) -> f64 {
+fn balance(problem: &Problem<'_>, contacts: &Contacts, elastic: &[f32], residual: &mut [f32]) -> f64 {
     let grid = problem.machine.operator.grid();
-    contacts.linearise(problem.indenter, problem.pose, u);
     residual.copy_from_slice(elastic);
     contacts.subtract_forces(residual);
     let (top, plane) = (grid.layers() - 1, grid.plane());
@@ -351,21 +365,28 @@ fn balance(
     dot(residual, residual).sqrt() / scale.sqrt().max(problem.least_force)
 }
 
+/// What a displacement makes of the pad.
+#[derive(Debug, Clone, Copy)]
+pub struct Strain {
+    /// Energy and least volume.
+    pub evaluation: Evaluation,
+    /// Force of the pad on the base along z, N.
+    pub base_force: f64,
+}
+
 /// Where the iteration stands.
 #[derive(Debug, Clone, Copy)]
 pub struct State {
-    /// Energy and least volume.
-    pub evaluation: Evaluation,
+    /// Of the pad.
+    pub strain: Strain,
     /// Residual relative to the contact forces.
     pub relative: f64,
-    /// Force of the pad on the base along z, N.
-    pub base_force: f64,
 }
 
 impl State {
     /// Whether all points have volume and all forces are numbers.
     pub fn valid(&self) -> bool {
-        self.evaluation.least_volume > LEAST_VOLUME && self.relative.is_finite()
+        self.strain.evaluation.least_volume > LEAST_VOLUME && self.relative.is_finite()
     }
 }
 
@@ -387,7 +408,7 @@ pub fn dot(a: &[f32], b: &[f32]) -> f64 {
             })
             .sum()
     };
-    if a.len() <= SHORT {
+    if a.len() <= RUN {
         return a.chunks(RUN).zip(b.chunks(RUN)).map(chunk).sum();
     }
     let parts: Vec<f64> = a.par_chunks(RUN).zip(b.par_chunks(RUN)).map(chunk).collect();
@@ -401,7 +422,7 @@ fn add_scaled(y: &mut [f32], x: &[f32], a: f32) {
 /// Does something to every number of a field, with that of another.
 fn in_runs(y: &mut [f32], x: &[f32], change: impl Fn(&mut f32, &f32) + Sync) {
     let run = |(y, x): (&mut [f32], &[f32])| y.iter_mut().zip(x).for_each(|(y, x)| change(y, x));
-    if y.len() <= SHORT {
+    if y.len() <= RUN {
         run((y, x));
     } else {
         y.par_chunks_mut(RUN).zip(x.par_chunks(RUN)).for_each(run);
