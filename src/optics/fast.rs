@@ -46,6 +46,7 @@ mod slots;
 mod source;
 mod suited;
 mod tables;
+mod tilt;
 pub(super) mod vector;
 mod view;
 mod wall_shadow;

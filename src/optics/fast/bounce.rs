@@ -16,6 +16,7 @@ use super::horizon::Heights;
 use super::lanes::{Eight, Vectors, WIDTH, lanes, with_widest};
 use super::probes::{self, NUMBERS};
 use super::skyline;
+use super::tilt::Tilts;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use row::{Pass, Row};
@@ -33,6 +34,8 @@ const BEYOND_MM: f32 = 2.0;
 pub const SENDING: usize = WIDTH;
 /// Light that changes by more, rms, where it bounces, bounces a second time, and a third.
 const STRONG: [f32; 2] = [0.01, 0.02];
+/// Up a flank the light changes by at most this part of it per mm.
+const STEEPEST: f32 = 1.0;
 /// An echo below this part of the light is none.
 const SILENT: f32 = 1e-5;
 
@@ -78,6 +81,8 @@ pub struct Cells<'a> {
     pub cells: &'a [Cell],
     /// Which of them stand for an upright flank.
     pub flanks: &'a [bool],
+    /// How their light changes with height.
+    pub tilts: &'a Tilts,
     /// Sums of the irradiance over the area of the surface, by picture.
     pub lights: &'a [Vec<Vec3>],
     /// Pixels of a full cell.
@@ -134,6 +139,14 @@ struct Means {
     /// Areas of the cell and of the untouched face under it, mm^2, and the normal of that.
     areas: [Vec<f32>; 2],
     rest_normals: [Vec<f32>; 3],
+    /// 1 where the cell stands for an upright flank.
+    upright: Vec<f32>,
+    /// How far below its middle a flank is looked at as well, mm; 0 elsewhere.
+    lower: Vec<f32>,
+    /// By picture and colour: by how much its light changes with height, 1/mm, before any bounce and as others see it. Empty
+    /// where there is no flank.
+    own_tilts: Vec<[Vec<f32>; 3]>,
+    tilts: Vec<[Vec<f32>; 3]>,
     highest: f32,
 }
 
@@ -170,6 +183,10 @@ impl Cells<'_> {
             grounds: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
             areas: [row(0.0), row(0.0)],
             rest_normals: [row(0.0), row(0.0), row(1.0)],
+            upright: row(0.0),
+            lower: row(0.0),
+            own_tilts: self.tilts.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
+            tilts: Vec::new(),
             highest: f32::NEG_INFINITY,
         };
         for (k, cell) in self.cells.iter().enumerate().filter(|(_, c)| c.count > 0.0) {
@@ -178,6 +195,13 @@ impl Cells<'_> {
             (means.places[0][at], means.places[1][at], means.heights[at]) = p.into();
             (means.normals[0][at], means.normals[1][at], means.normals[2][at]) = n.into();
             means.highest = means.highest.max(p.z);
+            means.upright[at] = f32::from(u8::from(self.flanks[k]));
+            if self.flanks[k] {
+                means.lower[at] = self.tilts.lower_mm.get(k).copied().unwrap_or(0.0);
+                for (out, tilt) in means.own_tilts.iter_mut().zip(&self.tilts.lights) {
+                    (out[0][at], out[1][at], out[2][at]) = tilt[k].into();
+                }
+            }
             for (out, light) in means.own.iter_mut().zip(self.lights) {
                 let light = light[k] / cell.area;
                 (out[0][at], out[1][at], out[2][at]) = light.into();
@@ -198,6 +222,7 @@ impl Cells<'_> {
             (x[at], y[at], z[at]) = normal.into();
         }
         means.lights.clone_from(&means.own);
+        means.tilts.clone_from(&means.own_tilts);
         self.continue_beside(&mut means);
         means
     }
@@ -222,10 +247,10 @@ impl Cells<'_> {
                 if z == f32::NEG_INFINITY || place.cmplt(low).any() || place.cmpgt(high).any() {
                     continue;
                 }
-                let Means { heights, places, normals, lights, grounds, .. } = means;
+                let Means { heights, places, normals, lights, grounds, upright, tilts, .. } = means;
                 (places[0][to], places[1][to], heights[to]) = (place.x, place.y, z);
-                let colours = lights.iter_mut().chain(grounds).flatten();
-                colours.chain(normals).for_each(|numbers| numbers[to] = numbers[from]);
+                let colours = lights.iter_mut().chain(grounds).chain(tilts).flatten();
+                colours.chain(normals).chain([upright]).for_each(|numbers| numbers[to] = numbers[from]);
             }
         }
     }
@@ -233,30 +258,47 @@ impl Cells<'_> {
     /// What others see of cells, once these see the pad as it is. Of all, or of upright flanks alone: half of what they have is
     /// from the pad at their foot, and where that is in their shadow next to nothing is left.
     fn relight(&self, means: &mut Means, gains: &[Vec3], of: impl Fn(usize) -> bool) {
-        let ([nx, _], films) = (self.size, self.lights.len());
+        let ([nx, _], films, numbers) = (self.size, self.lights.len(), self.numbers());
         for k in (0..self.cells.len()).filter(|k| self.cells[*k].count > 0.0 && of(*k)) {
             let (i, j) = (k % nx, k / nx);
             let at = means.at(i, j);
             for (film, (own, seen)) in means.own.iter().zip(&mut means.lights).enumerate() {
-                let gain = gains[(j * films + film) * nx + i];
+                let gain = gains[(j * numbers + film) * nx + i];
                 for (c, (own, seen)) in own.iter().zip(seen).enumerate() {
                     seen[at] = own[at] * gain[c];
+                }
+            }
+            if !self.flanks[k] {
+                continue;
+            }
+            for (film, (own, seen)) in means.own_tilts.iter().zip(&mut means.tilts).enumerate() {
+                let more = gains[(j * numbers + films + film) * nx + i];
+                for (c, (own, seen)) in own.iter().zip(seen).enumerate() {
+                    // (By the middle of a flank nothing of its light may be gone.)
+                    let most = means.lights[film][c][at] * STEEPEST;
+                    seen[at] = (own[at] + more[c]).clamp(-most, most);
                 }
             }
         }
         self.continue_beside(means);
     }
 
+    /// Numbers a cell has in a pass, by picture: its gain, and where there are flanks by how much its light changes with height,
+    /// 1/mm, beyond what it did before.
+    fn numbers(&self) -> usize {
+        self.lights.len() + self.tilts.lights.len()
+    }
+
     /// How strong a bounce is: the rms of what it changes, as part of the mean light.
     fn strength(&self, means: &Means, gains: &[Vec3]) -> f32 {
-        let ([nx, _], films) = (self.size, self.lights.len());
+        let ([nx, _], numbers) = (self.size, self.numbers());
         let (mut squares, mut sum, mut count) = (0.0, 0.0, 0.0f32);
         for k in (0..self.cells.len()).filter(|k| self.cells[*k].count > 0.0) {
             let (i, j) = (k % nx, k / nx);
             let at = means.at(i, j);
             for (film, own) in means.own.iter().enumerate() {
                 let light = Vec3::new(own[0][at], own[1][at], own[2][at]);
-                squares += (light * (gains[(j * films + film) * nx + i] - Vec3::ONE)).length_squared();
+                squares += (light * (gains[(j * numbers + film) * nx + i] - Vec3::ONE)).length_squared();
                 sum += light.element_sum();
                 count += 3.0;
             }
@@ -271,11 +313,11 @@ impl Cells<'_> {
         untouched: impl Fn(usize, Vec3) -> Untouched + Sync,
         rest: impl Fn(Vec3) -> Vec3 + Sync,
     ) -> Changes {
-        let ([nx, _], films) = (self.size, self.lights.len());
+        let ([nx, _], films, numbers) = (self.size, self.lights.len(), self.numbers());
         let mut means = self.means(&untouched, &rest);
-        let mut gains = vec![Vec3::ONE; self.cells.len() * films];
+        let mut gains = vec![Vec3::ONE; self.cells.len() * numbers];
         if self.flanks.contains(&true) {
-            gains.par_chunks_mut(nx * films).enumerate().for_each(|(j, out)| {
+            gains.par_chunks_mut(nx * numbers).enumerate().for_each(|(j, out)| {
                 if self.flanks[j * nx..][..nx].contains(&true) {
                     let (cells, means, untouched) = (self, &means, &untouched);
                     with_widest(Row { cells, means, untouched, j, out, pass: Pass::Flanks });
@@ -290,11 +332,11 @@ impl Cells<'_> {
             gains.fill(Vec3::ONE);
             sent.fill(Vec3::ZERO);
             gains
-                .par_chunks_mut(self.sending * nx * films)
+                .par_chunks_mut(self.sending * nx * numbers)
                 .zip(sent.par_chunks_mut(in_row))
                 .enumerate()
                 .for_each(|(k, (out, sent))| {
-                    for (j, out) in out.chunks_mut(nx * films).enumerate() {
+                    for (j, out) in out.chunks_mut(nx * numbers).enumerate() {
                         let (cells, untouched, pass) = (self, &untouched, Pass::All { sent });
                         with_widest(Row { cells, means, untouched, j: self.sending * k + j, out, pass });
                     }
@@ -309,7 +351,7 @@ impl Cells<'_> {
             bounce(&means, &mut gains, &mut sent);
         }
         let of_film =
-            |film: usize| gains.chunks_exact(nx).skip(film).step_by(films).flatten().copied().collect();
+            |film: usize| gains.chunks_exact(nx).skip(film).step_by(numbers).flatten().copied().collect();
         let mut gains: Vec<Vec<Vec3>> = (0..films).map(of_film).collect();
         let mut echoed = 0.0;
         if let Some(echo) = self.echo {

@@ -293,10 +293,17 @@ impl Desk<'_> {
                     cell.area += weight;
                     cell.count += piece.part;
                 }
+                let of_cell = cell.filter(|_| flank > 0).map(|k| k - flank);
+                if let Some(cell) = of_cell {
+                    self.flanks.add(cell, points.z.0[lane], weight);
+                }
                 for (film, (sum, light)) in self.sums.iter().zip(&mut light).enumerate() {
                     if let Some(k) = cell {
                         let at = if flank > 0 { films * cells } else { 0 };
                         self.light[at + film * cells + k - flank] += pick(sum) * weight;
+                    }
+                    if of_cell.is_some() {
+                        self.flanks.light(pick(sum));
                     }
                     let value = albedos[lane] * pick(sum) * FRAC_1_PI;
                     *light += value * piece.part;

@@ -10,6 +10,7 @@ use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, lanes};
 use super::shade::Block;
 use super::slots::POSITION;
 use super::source::{COARSE, LINES};
+use super::tilt::Parts;
 use crate::optics::Albedo;
 use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
@@ -36,6 +37,7 @@ pub struct Row<'a> {
     pub light: &'a mut [Vec3],
     pub spread: &'a mut f64,
     pub splits: &'a mut Vec<Split>,
+    pub flanks: &'a mut Parts,
 }
 
 /// A rectangle of pixels: x0, y0, x1, y1.
@@ -64,6 +66,8 @@ pub struct Desk<'a> {
     pub light: &'a mut [Vec3],
     pub spread: &'a mut f64,
     pub splits: &'a mut Vec<Split>,
+    /// What it shows of upright flanks.
+    pub flanks: &'a mut Parts,
 }
 
 /// Pixels that are shaded at once: rows of a block, one after the other.
@@ -96,7 +100,7 @@ impl Work for Row<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { frame, nodes, row, cell_px, out, cells, light, spread, splits } = self;
+        let Self { frame, nodes, row, cell_px, out, cells, light, spread, splits, flanks } = self;
         let camera = &frame.once.view.camera;
         let (width, films) = (camera.width, frame.slots.films);
         let first = row * NODE_PX;
@@ -144,6 +148,7 @@ impl Work for Row<'_> {
             light,
             spread,
             splits,
+            flanks,
         };
         let [columns, _] = frame.node_counts();
         let size = frame.slots.stride();

@@ -15,6 +15,7 @@ use super::lanes::{Vectors, WIDTH, with_widest};
 use super::raster::{Sample, corners};
 use super::slots::{POSITION, Slots};
 use super::source::{COARSE, KEPT, LINES, Line, with_means};
+use super::tilt::{Parts, Tilts};
 use super::vector::{irradiance, of_point, quadrilateral};
 use super::wall_shadow;
 use crate::optics::{Albedo, Film, Mesh};
@@ -142,14 +143,15 @@ impl Frame<'_> {
         let mut light = vec![Vec3::ZERO; size[0] * size[1] * 2 * films];
         let mut spreads = vec![0.0; height.div_ceil(NODE_PX)];
         let mut splits = vec![Vec::new(); height.div_ceil(NODE_PX)];
+        let mut parts_of_flanks = vec![Parts::default(); height.div_ceil(NODE_PX)];
         let mut pixels = vec![Vec3::ZERO; width * height * films];
         pixels
             .par_chunks_mut(NODE_PX * width * films)
             .zip(cells.par_chunks_mut(2 * in_row))
             .zip(light.par_chunks_mut(in_row * 2 * films))
-            .zip(spreads.par_iter_mut().zip(&mut splits))
+            .zip(spreads.par_iter_mut().zip(&mut splits).zip(&mut parts_of_flanks))
             .enumerate()
-            .for_each(|(row, (((out, cells), light), (spread, splits)))| {
+            .for_each(|(row, (((out, cells), light), ((spread, splits), flanks)))| {
                 with_widest(Row {
                     frame: this,
                     nodes: &nodes,
@@ -160,6 +162,7 @@ impl Frame<'_> {
                     light,
                     spread,
                     splits,
+                    flanks,
                 });
             });
         let films = by_film(pixels, NODE_PX * width, films);
@@ -196,12 +199,14 @@ impl Frame<'_> {
             let most_count = (cell_px * cell_px) as f32 * if cell_px >= 4 { 0.25 } else { 1.0 };
             let (eye, echo) = (camera.origin, self.once.tables.echo.as_ref());
             let extent = self.heights.extent();
+            let tilts = Tilts::of(&parts_of_flanks, in_row, lights.len());
             let cells = Cells {
                 size,
                 edge_mm,
                 sending: finer * bounce::SENDING,
                 cells: &cells,
                 flanks: &is_flank,
+                tilts: &tilts,
                 lights: &lights,
                 most_count,
                 albedo,

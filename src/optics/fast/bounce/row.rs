@@ -21,6 +21,8 @@ const EVEN: f32 = 4e-3;
 const NOWHERE: f32 = -1e4;
 /// Cells are no nearer to each other than this, in their edges.
 const NEAREST: f32 = 0.3;
+/// From its middle a flank reaches about so many times as far as to what counts as low on it.
+const FLANK: f32 = 1.5;
 /// What rises on by this slope above the line of sight has an edge, which is looked for.
 const EDGED: f32 = 0.3;
 
@@ -46,7 +48,7 @@ pub struct Row<'a, S> {
     pub means: &'a Means,
     pub untouched: &'a S,
     pub j: usize,
-    /// Gains, picture by picture.
+    /// Gains, picture by picture, and what changes with height.
     pub out: &'a mut [Vec3],
     pub pass: Pass<'a>,
 }
@@ -85,9 +87,29 @@ impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
                 self.send_level(at, i);
                 continue;
             }
-            sums.fill(Vectors::all(Vec3::ZERO));
-            skies.clear();
-            let horizons = self.look(at, lanes, &mut sums, &mut skies);
+            // (From low on a flank first: what is seen there more or less than from its middle changes with height.)
+            let mut lowered = !self.means.tilts.is_empty() && flanks.contains(&true);
+            let mut low = if lowered { sums.clone() } else { Vec::new() };
+            let horizons = loop {
+                sums.fill(Vectors::all(Vec3::ZERO));
+                skies.clear();
+                let horizons = self.look(at, lanes, lowered, &mut sums, &mut skies);
+                if !lowered {
+                    break horizons;
+                }
+                low.clone_from(&sums);
+                lowered = false;
+            };
+            for (film, (high, low)) in sums.iter().zip(&low).enumerate() {
+                let per_mm = Eight::all(TAU / DIRECTIONS as f32)
+                    .over(Means::eight(&self.means.lower, at).max(Eight::all(1e-3)));
+                let more = (*high - *low).scaled(per_mm);
+                for k in 0..lanes {
+                    let is_tall = self.means.lower[at + k] > 0.0;
+                    let more = Vec3::new(more.x.0[k], more.y.0[k], more.z.0[k]);
+                    self.out[(films + film) * nx + i + k] = if is_tall { more } else { Vec3::ZERO };
+                }
+            }
             for (film, sum) in sums.iter().enumerate() {
                 for k in 0..lanes {
                     if level(at + k) {
@@ -111,22 +133,29 @@ type Horizons = [[Eight; 2]; DIRECTIONS];
 
 impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
     /// Follows the profile from eight cells into all directions; what rises above what was seen before takes the place of
-    /// sky or ground.
+    /// sky or ground. `lowered` is from low on a flank, else it is from the cells' middles.
     #[inline(always)]
     fn look(
         &mut self,
         at: usize,
         lanes: usize,
+        lowered: bool,
         sums: &mut [Vectors],
         skies: &mut Vec<[Eight; skyline::NUMBERS]>,
     ) -> Horizons {
         let mut horizons = [[Eight::all(0.0); 2]; DIRECTIONS];
         let means = self.means;
         let (zero, even, least) = (Eight::all(0.0), Eight::all(EVEN), Eight::all(1e-3));
-        let z = Means::eight(&means.heights, at);
-        let [x, y] = [0, 1].map(|c| Means::eight(&means.places[c], at));
+        let mut z = Means::eight(&means.heights, at);
+        let [mut x, mut y] = [0, 1].map(|c| Means::eight(&means.places[c], at));
         let nearest = Eight::all(NEAREST * self.cells.edge_mm);
         let [nx, ny, nz] = [0, 1, 2].map(|c| Means::eight(&means.normals[c], at));
+        if lowered {
+            // Down the flank's plane.
+            let by = Means::eight(&means.lower, at);
+            let aside = (by * nz).over((nx * nx + ny * ny).max(least));
+            (x, y, z) = (x + nx * aside, y + ny * aside, z - by);
+        }
         // Slopes of the cell's own plane along x and y.
         let flat = Eight::all(1e-3).below(nz);
         let [plane_x, plane_y] = [nx, ny].map(|n| flat.choose((-n).over(nz), zero));
@@ -134,8 +163,9 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         let reflected = self.cells.albedo * FRAC_1_PI;
         let distances: &[f32] = if self.cells.closely { &DISTANCES } else { &FEW_DISTANCES };
         let farthest = DISTANCES[DISTANCES.len() - 1] * self.cells.edge_mm;
-        // By picture: what was seen last, and the untouched ground there.
-        let mut tops = vec![[Vectors::all(Vec3::ZERO); 2]; sums.len()];
+        // By picture: what was seen last, by how much it changes with the slope under which it is seen, and the untouched ground
+        // there.
+        let mut tops = vec![[Vectors::all(Vec3::ZERO); 3]; sums.len()];
         let middle = (0..lanes).min_by_key(|k| (!z.0[*k].is_finite(), k.abs_diff(lanes / 2))).unwrap_or(0);
         let stands = Vec3::new(x.0[middle], y.0[middle], z.0[middle].max(NOWHERE));
         let lookout = Lookout::new(stands, self.cells.eye.z, self.cells.edge_mm);
@@ -152,7 +182,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
             // Where the step before showed something, what shows next lies between the two; first of all the cell itself.
             let mut shown: Option<(usize, Mask)> = Some((at, zero.below(Eight::all(1.0))));
             let mut turned = zero;
-            let mut steep = zero;
+            let (mut steep, mut seen) = (zero, zero);
             let back = self.neighbour(lookout.cells_to(ahead * self.cells.edge_mm, stands.z)).unwrap_or(0);
             let mut height = stands.z;
             for &distance in distances {
@@ -201,10 +231,15 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                     let halfway = (toward * own * Eight::all(2.0)).over((toward + own) * (toward + own));
                     let beside = toward * halfway.over(Eight::all(1.0) - halfway);
                     turned = hides.choose(Eight::all(1.0), beside.max(least));
+                    // (An upright flank goes down to its foot as it is: the cell itself is before that.)
+                    turned = Eight::all(0.5).below(Means::eight(&means.upright, k)).choose(zero, turned);
                 }
                 let step =
                     k.checked_add_signed(-back).filter(|s| s + WIDTH <= means.heights.len()).unwrap_or(k);
                 let toward = toward.max(least);
+                if !means.tilts.is_empty() {
+                    seen = risen.choose(mean_slope([before, below], [rise, now], [along, nz]), seen);
+                }
                 for (film, sum) in sums.iter_mut().enumerate() {
                     let walls = skyline::hidden(&skies[film], direction, &borders, hidden);
                     let scaled = |light: Vectors| Vectors {
@@ -212,24 +247,39 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                         y: light.y * Eight::all(reflected.y),
                         z: light.z * Eight::all(reflected.z),
                     };
-                    let mut light = Means::light(&means.lights[film], k);
+                    // The light there, and what it changes by with the slope.
+                    let light_of = |k: usize| {
+                        let light = Means::light(&means.lights[film], k);
+                        let Some(tilts) = means.tilts.get(film) else {
+                            return [light, Vectors::all(Vec3::ZERO)];
+                        };
+                        let [dx, dy] = [0, 1].map(|c| Means::eight(&means.places[c], k) - [x, y][c]);
+                        let away = (dx * dx + dy * dy).sqrt();
+                        let up = z + seen * away - Means::eight(&means.heights, k).max(Eight::all(NOWHERE));
+                        let most = Means::eight(&means.lower, k) * Eight::all(FLANK);
+                        let by_mm = Means::light(tilts, k);
+                        [light + by_mm.scaled(up.max(-most).min(most)), by_mm.scaled(away)]
+                    };
+                    let mut light = light_of(k);
                     if hides.any() {
                         // The top of a step is not seen, but what rises to it.
-                        light = hides.pick(Means::light(&means.lights[film], step), light);
+                        light = picked(hides, light_of(step), light);
                     }
                     let mut ground = Means::light(&means.grounds[film], k);
                     if let Some((nearer, of)) = shown {
                         let whole = Eight::all(1.0).over(turned + toward);
-                        let between = |of: &[Vec<f32>; 3]| {
-                            let (near, far) = (Means::light(of, nearer), Means::light(of, k));
+                        let between = |near: Vectors, far: Vectors| {
                             (near.scaled(turned) + far.scaled(toward)).scaled(whole)
                         };
-                        light = of.pick(between(&means.lights[film]), light);
-                        ground = of.pick(between(&means.grounds[film]), ground);
+                        let (near, far) = (light_of(nearer), light_of(k));
+                        light = picked(of, [0, 1].map(|n| between(near[n], far[n])), light);
+                        let [near, far] = [nearer, k].map(|k| Means::light(&means.grounds[film], k));
+                        ground = of.pick(between(near, far), ground);
                     }
-                    let (radiance, ground) = (scaled(light), scaled(ground));
+                    let ([radiance, by_slope], ground) = (light.map(scaled), scaled(ground));
                     *sum = *sum + (radiance.scaled(of_sky) - walls) + (radiance - ground).scaled(of_ground);
-                    tops[film] = [risen.pick(radiance, tops[film][0]), risen.pick(ground, tops[film][1])];
+                    let [a, b, c] = tops[film];
+                    tops[film] = [risen.pick(radiance, a), risen.pick(by_slope, b), risen.pick(ground, c)];
                 }
                 (shown, turned) = (Some((k, risen)), toward);
                 steep = risen.choose(hides.choose(steep, toward), steep);
@@ -247,9 +297,14 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                 }
                 let now = weight(top, along, nz);
                 let (hidden, of_ground) = shares([before, below], [top, now], rose);
+                let mut higher = zero;
+                if !means.tilts.is_empty() {
+                    higher = rose.choose(mean_slope([before, below], [top, now], [along, nz]) - seen, zero);
+                }
                 for (film, sum) in sums.iter_mut().enumerate() {
                     let walls = skyline::hidden(&skies[film], direction, &borders, hidden);
-                    let [radiance, ground] = tops[film];
+                    let [radiance, by_slope, ground] = tops[film];
+                    let radiance = radiance + by_slope.scaled(higher);
                     *sum = *sum
                         + (radiance.scaled(hidden[1] - hidden[0]) - walls)
                         + (radiance - ground).scaled(of_ground);
@@ -395,6 +450,27 @@ fn shares([before, below]: [Eight; 2], [rise, now]: [Eight; 2], risen: Mask) -> 
     let to = risen.choose(positive.choose(now, from), from);
     let of_ground = before.below(zero).choose(positive.choose(zero, now) - below, zero);
     ([from, to], risen.choose(of_ground, zero))
+}
+
+/// Of both where the mask says so, else of the others.
+#[inline(always)]
+fn picked(mask: Mask, a: [Vectors; 2], b: [Vectors; 2]) -> [Vectors; 2] {
+    [mask.pick(a[0], b[0]), mask.pick(a[1], b[1])]
+}
+
+/// The mean slope under which is seen what reaches from one slope and its weight to another, for normals with the part `along`
+/// ahead and `up` upwards.
+#[inline(always)]
+fn mean_slope([from, low]: [Eight; 2], [to, high]: [Eight; 2], [along, up]: [Eight; 2]) -> Eight {
+    let steepest = Eight::all(1e4);
+    let [from, to] = [from, to].map(|slope| slope.max(-steepest).min(steepest));
+    // (As `weight`, times the slope.)
+    let moment = |slope: Eight| {
+        let cos2 = Eight::all(1.0).over(Eight::all(1.0) + slope * slope);
+        (along * slope * slope * cos2 + up * (slope.atan() - slope * cos2)) * Eight::all(0.5)
+    };
+    let mean = (moment(to) - moment(from)).over((high - low).max(Eight::all(1e-9)));
+    mean.max(from).min(to)
 }
 
 /// Integral of cos(tilt) cos(elevation) up to elevations of these slopes, for normals with the part `along` ahead and

@@ -1,5 +1,7 @@
 use super::*;
 
+static NO_TILTS: Tilts = Tilts::NONE;
+
 /// White cells seen from high above.
 fn white<'a>(
     size: [usize; 2],
@@ -18,6 +20,7 @@ fn white<'a>(
         sending: super::SENDING,
         cells,
         flanks,
+        tilts: &NO_TILTS,
         lights,
         most_count: 1.0,
         albedo,
@@ -110,6 +113,44 @@ fn a_step_lights_its_foot_by_its_form_factor() {
         // Twice the light is twice the change.
         for (a, b) in gains[0].iter().zip(&gains[1]) {
             assert!((*a - *b).abs().max_element() < 1e-5, "{a} {b}");
+        }
+    }
+}
+
+/// What is at the foot of a wall sees its lowest part most, and nothing of itself in it.
+#[test]
+fn a_foot_sees_the_low_part_of_a_flank() {
+    let edge_x = -0.12;
+    let ([nx, ny], edge, cells) = step(edge_x);
+    let extent = [Vec2::splat(-10.125), Vec2::splat(10.125)];
+    let pad = heights(extent, |p| f32::from(u8::from(p.x > edge_x)));
+    let upright = |c: &Cell| c.normal.x < 0.0;
+    let foot = cells.iter().position(upright).unwrap();
+    let flanks: Vec<bool> = cells.iter().map(upright).collect();
+    // The floor is brighter than the wall, whose light changes with height.
+    let light = |c: &Cell| Vec3::splat(if c.position.z > 0.0 { c.area } else { 2.0 * c.area });
+    let lights = [cells.iter().map(light).collect()];
+    let dark = |_, _| Untouched { sky: [0.0; skyline::NUMBERS], ground: Vec3::ZERO };
+    // (What is reflected once is small beside the light, so what is reflected again is nothing.)
+    let albedo = 0.01;
+    for by_mm in [-0.8, 0.0, 0.8] {
+        let of_flanks =
+            |value: f32| flanks.iter().map(|f| if *f { value } else { 0.0 }).collect::<Vec<f32>>();
+        let tilts = Tilts {
+            lights: vec![of_flanks(by_mm).into_iter().map(Vec3::splat).collect()],
+            lower_mm: of_flanks(0.35),
+        };
+        let all = white([nx, ny], edge, &cells, &lights, &pad, extent);
+        let all = Cells { flanks: &flanks, tilts: &tilts, albedo: Vec3::splat(albedo), ..all };
+        let gains = all.changes(dark, |_| Vec3::Z).gains;
+        for i in [foot - 8, foot - 5, foot - 3, foot - 2, foot - 1] {
+            let k = 40 * nx + i;
+            let d = edge_x - cells[k].position.x;
+            // Strips of it fill d z/(2 (d^2 + z^2)^(3/2)) dz of the view.
+            let (whole, first) = (1.0 - d / d.hypot(1.0), d * ((1.0 / d).asinh() - 1.0 / d.hypot(1.0)));
+            let truth = 0.5 * albedo * ((1.0 - 0.5 * by_mm) * whole + by_mm * first) / 2.0;
+            let found = gains[0][k].x - 1.0;
+            assert!((found / truth - 1.0).abs() < 0.08, "{by_mm} {d}: {found} {truth}");
         }
     }
 }
