@@ -8,6 +8,7 @@
 //!
 //! The same horizons tell what each cell sends towards the walls; what they give back is the [`echo`](super::echo).
 
+mod elevation;
 mod row;
 
 use super::echo::{self, Echo};
@@ -139,12 +140,11 @@ struct Means {
     /// Areas of the cell and of the untouched face under it, mm^2, and the normal of that.
     areas: [Vec<f32>; 2],
     rest_normals: [Vec<f32>; 3],
-    /// 1 where the cell stands for an upright flank.
+    /// 1 where the cell stands for an upright flank. This and what follows is empty where there is none.
     upright: Vec<f32>,
     /// How far below its middle a flank is looked at as well, mm; 0 elsewhere.
     lower: Vec<f32>,
-    /// By picture and colour: by how much its light changes with height, 1/mm, before any bounce and as others see it. Empty
-    /// where there is no flank.
+    /// By picture and colour: by how much its light changes with height, 1/mm, before any bounce and as others see it.
     own_tilts: Vec<[Vec<f32>; 3]>,
     tilts: Vec<[Vec<f32>; 3]>,
     highest: f32,
@@ -172,6 +172,7 @@ impl Cells<'_> {
         let stride = nx.next_multiple_of(WIDTH) + 2 * MARGIN;
         let beside = ((BEYOND_MM / self.edge_mm).ceil() as usize).min(MARGIN);
         let row = |value: f32| vec![value; stride * (ny + 2 * beside)];
+        let of_flanks = || if self.tilts.lights.is_empty() { Vec::new() } else { row(0.0) };
         let mut means = Means {
             stride,
             beside,
@@ -183,8 +184,8 @@ impl Cells<'_> {
             grounds: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
             areas: [row(0.0), row(0.0)],
             rest_normals: [row(0.0), row(0.0), row(1.0)],
-            upright: row(0.0),
-            lower: row(0.0),
+            upright: of_flanks(),
+            lower: of_flanks(),
             own_tilts: self.tilts.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
             tilts: Vec::new(),
             highest: f32::NEG_INFINITY,
@@ -195,9 +196,8 @@ impl Cells<'_> {
             (means.places[0][at], means.places[1][at], means.heights[at]) = p.into();
             (means.normals[0][at], means.normals[1][at], means.normals[2][at]) = n.into();
             means.highest = means.highest.max(p.z);
-            means.upright[at] = f32::from(u8::from(self.flanks[k]));
-            if self.flanks[k] {
-                means.lower[at] = self.tilts.lower_mm.get(k).copied().unwrap_or(0.0);
+            if self.flanks[k] && !self.tilts.lights.is_empty() {
+                (means.upright[at], means.lower[at]) = (1.0, self.tilts.lower_mm[k]);
                 for (out, tilt) in means.own_tilts.iter_mut().zip(&self.tilts.lights) {
                     (out[0][at], out[1][at], out[2][at]) = tilt[k].into();
                 }
@@ -250,7 +250,10 @@ impl Cells<'_> {
                 let Means { heights, places, normals, lights, grounds, upright, tilts, .. } = means;
                 (places[0][to], places[1][to], heights[to]) = (place.x, place.y, z);
                 let colours = lights.iter_mut().chain(grounds).chain(tilts).flatten();
-                colours.chain(normals).chain([upright]).for_each(|numbers| numbers[to] = numbers[from]);
+                colours
+                    .chain(normals)
+                    .chain(Some(upright).filter(|u| !u.is_empty()))
+                    .for_each(|numbers| numbers[to] = numbers[from]);
             }
         }
     }

@@ -1,5 +1,6 @@
 //! A row of cells: from eight at once the pad's profile is followed in all directions.
 
+use super::elevation::{mean_slope, shares, weight};
 use super::{Cells, DIRECTIONS, MARGIN, MOST, Means, Untouched};
 use crate::optics::fast::echo::{self, PER_WEIGHT, RISES, SLOPES};
 use crate::optics::fast::lanes::{Eight, Mask, Vectors, WIDTH, Work};
@@ -65,7 +66,19 @@ impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
     type Output = ();
 
     #[inline(always)]
-    fn run(mut self) {
+    fn run(self) {
+        // (What only flanks need costs those pads nothing that have none.)
+        if self.means.tilts.is_empty() { self.over::<false>() } else { self.over::<true>() }
+    }
+}
+
+/// By direction: the slope below which the pad is seen, and the weight of what is.
+type Horizons = [[Eight; 2]; DIRECTIONS];
+
+impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
+    /// Works on the row, on a pad with or without flanks.
+    #[inline(always)]
+    fn over<const FLANKS: bool>(mut self) {
         let nx = self.cells.size[0];
         let films = self.means.lights.len();
         let mut sums = vec![Vectors::all(Vec3::ZERO); films];
@@ -87,19 +100,16 @@ impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
                 self.send_level(at, i);
                 continue;
             }
+            skies.clear();
             // (From low on a flank first: what is seen there more or less than from its middle changes with height.)
-            let mut lowered = !self.means.tilts.is_empty() && flanks.contains(&true);
-            let mut low = if lowered { sums.clone() } else { Vec::new() };
-            let horizons = loop {
-                sums.fill(Vectors::all(Vec3::ZERO));
-                skies.clear();
-                let horizons = self.look(at, lanes, lowered, &mut sums, &mut skies);
-                if !lowered {
-                    break horizons;
-                }
-                low.clone_from(&sums);
-                lowered = false;
-            };
+            let mut low = Vec::new();
+            if FLANKS && flanks.contains(&true) {
+                low = vec![Vectors::all(Vec3::ZERO); films];
+                self.look::<FLANKS>(at, lanes, true, &mut low, &mut skies);
+            }
+            sums.fill(Vectors::all(Vec3::ZERO));
+            skies.clear();
+            let horizons = self.look::<FLANKS>(at, lanes, false, &mut sums, &mut skies);
             for (film, (high, low)) in sums.iter().zip(&low).enumerate() {
                 let per_mm = Eight::all(TAU / DIRECTIONS as f32)
                     .over(Means::eight(&self.means.lower, at).max(Eight::all(1e-3)));
@@ -126,16 +136,11 @@ impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
             self.send(at, i, lanes, &horizons);
         }
     }
-}
 
-/// By direction: the slope below which the pad is seen, and the weight of what is.
-type Horizons = [[Eight; 2]; DIRECTIONS];
-
-impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
     /// Follows the profile from eight cells into all directions; what rises above what was seen before takes the place of
     /// sky or ground. `lowered` is from low on a flank, else it is from the cells' middles.
     #[inline(always)]
-    fn look(
+    fn look<const FLANKS: bool>(
         &mut self,
         at: usize,
         lanes: usize,
@@ -150,7 +155,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         let [mut x, mut y] = [0, 1].map(|c| Means::eight(&means.places[c], at));
         let nearest = Eight::all(NEAREST * self.cells.edge_mm);
         let [nx, ny, nz] = [0, 1, 2].map(|c| Means::eight(&means.normals[c], at));
-        if lowered {
+        if FLANKS && lowered {
             // Down the flank's plane.
             let by = Means::eight(&means.lower, at);
             let aside = (by * nz).over((nx * nx + ny * ny).max(least));
@@ -163,8 +168,8 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
         let reflected = self.cells.albedo * FRAC_1_PI;
         let distances: &[f32] = if self.cells.closely { &DISTANCES } else { &FEW_DISTANCES };
         let farthest = DISTANCES[DISTANCES.len() - 1] * self.cells.edge_mm;
-        // By picture: what was seen last, by how much it changes with the slope under which it is seen, and the untouched ground
-        // there.
+        // By picture: what was seen last, the untouched ground there, and by how much the first changes with the slope under which
+        // it is seen.
         let mut tops = vec![[Vectors::all(Vec3::ZERO); 3]; sums.len()];
         let middle = (0..lanes).min_by_key(|k| (!z.0[*k].is_finite(), k.abs_diff(lanes / 2))).unwrap_or(0);
         let stands = Vec3::new(x.0[middle], y.0[middle], z.0[middle].max(NOWHERE));
@@ -232,12 +237,14 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                     let beside = toward * halfway.over(Eight::all(1.0) - halfway);
                     turned = hides.choose(Eight::all(1.0), beside.max(least));
                     // (An upright flank goes down to its foot as it is: the cell itself is before that.)
-                    turned = Eight::all(0.5).below(Means::eight(&means.upright, k)).choose(zero, turned);
+                    if FLANKS {
+                        turned = Eight::all(0.5).below(Means::eight(&means.upright, k)).choose(zero, turned);
+                    }
                 }
                 let step =
                     k.checked_add_signed(-back).filter(|s| s + WIDTH <= means.heights.len()).unwrap_or(k);
                 let toward = toward.max(least);
-                if !means.tilts.is_empty() {
+                if FLANKS {
                     seen = risen.choose(mean_slope([before, below], [rise, now], [along, nz]), seen);
                 }
                 for (film, sum) in sums.iter_mut().enumerate() {
@@ -250,20 +257,25 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                     // The light there, and what it changes by with the slope.
                     let light_of = |k: usize| {
                         let light = Means::light(&means.lights[film], k);
-                        let Some(tilts) = means.tilts.get(film) else {
-                            return [light, Vectors::all(Vec3::ZERO)];
-                        };
+                        if !FLANKS {
+                            return (light, Vectors::all(Vec3::ZERO));
+                        }
+                        let tilts = &means.tilts[film];
                         let [dx, dy] = [0, 1].map(|c| Means::eight(&means.places[c], k) - [x, y][c]);
                         let away = (dx * dx + dy * dy).sqrt();
                         let up = z + seen * away - Means::eight(&means.heights, k).max(Eight::all(NOWHERE));
                         let most = Means::eight(&means.lower, k) * Eight::all(FLANK);
                         let by_mm = Means::light(tilts, k);
-                        [light + by_mm.scaled(up.max(-most).min(most)), by_mm.scaled(away)]
+                        (light + by_mm.scaled(up.max(-most).min(most)), by_mm.scaled(away))
                     };
-                    let mut light = light_of(k);
+                    let (mut light, mut by_slope) = light_of(k);
                     if hides.any() {
                         // The top of a step is not seen, but what rises to it.
-                        light = picked(hides, light_of(step), light);
+                        let of_step = light_of(step);
+                        light = hides.pick(of_step.0, light);
+                        if FLANKS {
+                            by_slope = hides.pick(of_step.1, by_slope);
+                        }
                     }
                     let mut ground = Means::light(&means.grounds[film], k);
                     if let Some((nearer, of)) = shown {
@@ -272,14 +284,23 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                             (near.scaled(turned) + far.scaled(toward)).scaled(whole)
                         };
                         let (near, far) = (light_of(nearer), light_of(k));
-                        light = picked(of, [0, 1].map(|n| between(near[n], far[n])), light);
-                        let [near, far] = [nearer, k].map(|k| Means::light(&means.grounds[film], k));
+                        light = of.pick(between(near.0, far.0), light);
+                        if FLANKS {
+                            by_slope = of.pick(between(near.1, far.1), by_slope);
+                        }
+                        let (near, far) = (
+                            Means::light(&means.grounds[film], nearer),
+                            Means::light(&means.grounds[film], k),
+                        );
                         ground = of.pick(between(near, far), ground);
                     }
-                    let ([radiance, by_slope], ground) = (light.map(scaled), scaled(ground));
+                    let (radiance, ground) = (scaled(light), scaled(ground));
                     *sum = *sum + (radiance.scaled(of_sky) - walls) + (radiance - ground).scaled(of_ground);
-                    let [a, b, c] = tops[film];
-                    tops[film] = [risen.pick(radiance, a), risen.pick(by_slope, b), risen.pick(ground, c)];
+                    let top = &mut tops[film];
+                    (top[0], top[1]) = (risen.pick(radiance, top[0]), risen.pick(ground, top[1]));
+                    if FLANKS {
+                        top[2] = risen.pick(scaled(by_slope), top[2]);
+                    }
                 }
                 (shown, turned) = (Some((k, risen)), toward);
                 steep = risen.choose(hides.choose(steep, toward), steep);
@@ -298,13 +319,13 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                 let now = weight(top, along, nz);
                 let (hidden, of_ground) = shares([before, below], [top, now], rose);
                 let mut higher = zero;
-                if !means.tilts.is_empty() {
+                if FLANKS {
                     higher = rose.choose(mean_slope([before, below], [top, now], [along, nz]) - seen, zero);
                 }
                 for (film, sum) in sums.iter_mut().enumerate() {
                     let walls = skyline::hidden(&skies[film], direction, &borders, hidden);
-                    let [radiance, by_slope, ground] = tops[film];
-                    let radiance = radiance + by_slope.scaled(higher);
+                    let [radiance, ground, by_slope] = tops[film];
+                    let radiance = if FLANKS { radiance + by_slope.scaled(higher) } else { radiance };
                     *sum = *sum
                         + (radiance.scaled(hidden[1] - hidden[0]) - walls)
                         + (radiance - ground).scaled(of_ground);
@@ -438,45 +459,4 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
 #[inline(always)]
 fn ahead(direction: usize) -> Vec2 {
     Vec2::from_angle((direction as f32 + 0.5) * (TAU / DIRECTIONS as f32))
-}
-
-/// What rises from one slope and its weight to another hides of what is above the level, from one weight to another, and how
-/// much of what is below.
-#[inline(always)]
-fn shares([before, below]: [Eight; 2], [rise, now]: [Eight; 2], risen: Mask) -> ([Eight; 2], Eight) {
-    let zero = Eight::all(0.0);
-    let positive = zero.below(rise);
-    let from = zero.below(before).choose(below, zero);
-    let to = risen.choose(positive.choose(now, from), from);
-    let of_ground = before.below(zero).choose(positive.choose(zero, now) - below, zero);
-    ([from, to], risen.choose(of_ground, zero))
-}
-
-/// Of both where the mask says so, else of the others.
-#[inline(always)]
-fn picked(mask: Mask, a: [Vectors; 2], b: [Vectors; 2]) -> [Vectors; 2] {
-    [mask.pick(a[0], b[0]), mask.pick(a[1], b[1])]
-}
-
-/// The mean slope under which is seen what reaches from one slope and its weight to another, for normals with the part `along`
-/// ahead and `up` upwards.
-#[inline(always)]
-fn mean_slope([from, low]: [Eight; 2], [to, high]: [Eight; 2], [along, up]: [Eight; 2]) -> Eight {
-    let steepest = Eight::all(1e4);
-    let [from, to] = [from, to].map(|slope| slope.max(-steepest).min(steepest));
-    // (As `weight`, times the slope.)
-    let moment = |slope: Eight| {
-        let cos2 = Eight::all(1.0).over(Eight::all(1.0) + slope * slope);
-        (along * slope * slope * cos2 + up * (slope.atan() - slope * cos2)) * Eight::all(0.5)
-    };
-    let mean = (moment(to) - moment(from)).over((high - low).max(Eight::all(1e-9)));
-    mean.max(from).min(to)
-}
-
-/// Integral of cos(tilt) cos(elevation) up to elevations of these slopes, for normals with the part `along` ahead and
-/// `up` upwards; 0 at slope 0.
-#[inline(always)]
-fn weight(slope: Eight, along: Eight, up: Eight) -> Eight {
-    let cos2 = Eight::all(1.0).over(Eight::all(1.0) + slope * slope);
-    (along * (slope.atan() + slope * cos2) + up * slope * slope * cos2) * Eight::all(0.5)
 }
