@@ -14,7 +14,7 @@ mod row;
 use super::echo::{self, Echo};
 use super::grid::Grid;
 use super::horizon::Heights;
-use super::lanes::{Eight, Vectors, WIDTH, lanes, with_widest};
+use super::lanes::{Eight, Vectors, WIDTH, lanes};
 use super::probes::{self, NUMBERS};
 use super::skyline;
 use super::tilt::Tilts;
@@ -323,7 +323,7 @@ impl Cells<'_> {
             gains.par_chunks_mut(nx * numbers).enumerate().for_each(|(j, out)| {
                 if self.flanks[j * nx..][..nx].contains(&true) {
                     let (cells, means, untouched) = (self, &means, &untouched);
-                    with_widest(Row { cells, means, untouched, j, out, pass: Pass::Flanks });
+                    Row { cells, means, untouched, j, out, pass: Pass::Flanks }.work();
                 }
             });
             self.relight(&mut means, &gains, |k| self.flanks[k]);
@@ -341,7 +341,7 @@ impl Cells<'_> {
                 .for_each(|(k, (out, sent))| {
                     for (j, out) in out.chunks_mut(nx * numbers).enumerate() {
                         let (cells, untouched, pass) = (self, &untouched, Pass::All { sent });
-                        with_widest(Row { cells, means, untouched, j: self.sending * k + j, out, pass });
+                        Row { cells, means, untouched, j: self.sending * k + j, out, pass }.work();
                     }
                 });
         };

@@ -3,7 +3,7 @@
 use super::elevation::{mean_slope, shares, weight};
 use super::{Cells, DIRECTIONS, MARGIN, MOST, Means, Untouched};
 use crate::optics::fast::echo::{self, PER_WEIGHT, RISES, SLOPES};
-use crate::optics::fast::lanes::{Eight, Mask, Vectors, WIDTH, Work};
+use crate::optics::fast::lanes::{Eight, Mask, Vectors, WIDTH, Work, with_widest};
 use crate::optics::fast::lookout::Lookout;
 use crate::optics::fast::skyline;
 use glam::{Vec2, Vec3};
@@ -62,13 +62,15 @@ pub enum Pass<'a> {
     All { sent: &'a mut [Vec3] },
 }
 
-impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
+/// A row of a pad with or without flanks: what only they need costs others nothing.
+struct OfPad<'a, S, const FLANKS: bool>(Row<'a, S>);
+
+impl<S: Fn(usize, Vec3) -> Untouched, const FLANKS: bool> Work for OfPad<'_, S, FLANKS> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        // (What only flanks need costs those pads nothing that have none.)
-        if self.means.tilts.is_empty() { self.over::<false>() } else { self.over::<true>() }
+        self.0.over::<FLANKS>();
     }
 }
 
@@ -76,7 +78,14 @@ impl<S: Fn(usize, Vec3) -> Untouched> Work for Row<'_, S> {
 type Horizons = [[Eight; 2]; DIRECTIONS];
 
 impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
-    /// Works on the row, on a pad with or without flanks.
+    /// Works on the row.
+    pub fn work(self) {
+        match self.means.tilts.is_empty() {
+            true => with_widest(OfPad::<S, false>(self)),
+            false => with_widest(OfPad::<S, true>(self)),
+        }
+    }
+
     #[inline(always)]
     fn over<const FLANKS: bool>(mut self) {
         let nx = self.cells.size[0];
