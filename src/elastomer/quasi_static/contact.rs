@@ -340,10 +340,13 @@ impl Contacts {
     /// jumps from one side to another, no step finds its zero.
     pub fn choose_sides(&mut self, indenter: &dyn Indenter, pose: &Pose, u: &[f32]) {
         let mut samples = std::mem::take(&mut self.samples);
-        for s in samples.iter_mut().filter(|s| s.entry.is_some() || s.anchor.is_some()) {
-            let p = pose.to_indenter(s.rest + self.value(u, s.cell, s.sub));
-            s.pushed_by = s.side_out(indenter, p);
-        }
+        let at = Place::of(indenter, pose);
+        samples.par_iter_mut().with_min_len(FEW).for_each(|s| {
+            if s.entry.is_some() || s.anchor.is_some() {
+                let p = at.in_indenter(s.rest + self.value(u, s.cell, s.sub));
+                s.pushed_by = s.side_out(indenter, p);
+            }
+        });
         self.samples = samples;
     }
 

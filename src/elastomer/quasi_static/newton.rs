@@ -27,8 +27,10 @@ const PREDICTED: f64 = 0.2;
 /// Tangent applications in one Newton iteration.
 const MOST_PASSES: u32 = 150;
 
-/// Numbers of a field that one thread goes over at a time: what another thread that is awake does not begin for less.
-const RUN: usize = 16384;
+/// Numbers of a field that one thread goes over at a time.
+const RUN: usize = 4096;
+/// Numbers that are gone over before another thread that is awake has begun.
+const SHORT: usize = 4 * RUN;
 
 /// The parts of a solver that do not change.
 #[derive(Debug)]
@@ -408,7 +410,7 @@ pub fn dot(a: &[f32], b: &[f32]) -> f64 {
             })
             .sum()
     };
-    if a.len() <= RUN {
+    if a.len() <= SHORT {
         return a.chunks(RUN).zip(b.chunks(RUN)).map(chunk).sum();
     }
     let parts: Vec<f64> = a.par_chunks(RUN).zip(b.par_chunks(RUN)).map(chunk).collect();
@@ -422,7 +424,7 @@ fn add_scaled(y: &mut [f32], x: &[f32], a: f32) {
 /// Does something to every number of a field, with that of another.
 fn in_runs(y: &mut [f32], x: &[f32], change: impl Fn(&mut f32, &f32) + Sync) {
     let run = |(y, x): (&mut [f32], &[f32])| y.iter_mut().zip(x).for_each(|(y, x)| change(y, x));
-    if y.len() <= RUN {
+    if y.len() <= SHORT {
         run((y, x));
     } else {
         y.par_chunks_mut(RUN).zip(x.par_chunks(RUN)).for_each(run);
