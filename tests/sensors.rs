@@ -48,6 +48,25 @@ fn shipped_sensors_load_pass_their_checks_and_see_all_of_their_pad() {
     assert!(seen >= 5);
 }
 
+/// Over the mesh that each has by default, in a small picture.
+#[test]
+fn shipped_sensors_are_rendered_by_the_fast_mode_and_meet_the_tolerance() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors");
+    let out = tempfile::tempdir().unwrap();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let render = std::process::Command::new(env!("CARGO_BIN_EXE_twinrig"))
+            .args(["render", "--mode", "fast", "--size", "120x120", "--json", "--out"])
+            .args([&out.path().join("picture.npy"), &path])
+            .env("TWINRIG_CACHE", "")
+            .output()
+            .unwrap();
+        assert!(render.status.success(), "{}: {}", path.display(), String::from_utf8_lossy(&render.stderr));
+        let told: serde_json::Value = serde_json::from_slice(&render.stdout).unwrap();
+        assert_eq!(told["meets_tolerance"], true, "{}: {told}", path.display());
+    }
+}
+
 #[test]
 fn a_typo_and_a_light_outside_are_told_with_their_keys() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors/gelsight.toml");

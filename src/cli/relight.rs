@@ -82,7 +82,14 @@ impl Args {
     fn relight(&self) -> Result<Relit, Error> {
         let Contents { basis, mut radiances, camera } = basis_folder::read(&self.folder)?;
         let camera = camera.as_ref();
-        for (name, radiance) in &self.lights {
+        for (n, (name, radiance)) in self.lights.iter().enumerate() {
+            if self.lights[..n].iter().any(|(before, _)| before == name) {
+                return Err(Error::Argument {
+                    name: "--light",
+                    value: format!("{name:?}"),
+                    why: "it is given twice; give each light one colour".to_owned(),
+                });
+            }
             let Some(k) = basis.names.iter().position(|n| n == name) else {
                 return Err(Error::Argument {
                     name: "--light",

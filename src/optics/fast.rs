@@ -20,6 +20,7 @@ mod cover;
 mod crease;
 mod desk;
 mod echo;
+mod eclipse;
 mod estimate;
 mod exchange;
 mod fixed;
@@ -183,6 +184,7 @@ impl Precomputed {
             return Err(unsupported("pad", &value, "pads of 4 to 200 mm, for which its steps are chosen"));
         }
         lit_from_within(untouched, [low, high], rest)?;
+        eclipse::none(&untouched.lights, &sources, [low, high], rest)?;
         let direct_layout = Layout {
             across,
             step_mm: fineness * DIRECT_STEP_MM,

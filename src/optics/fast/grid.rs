@@ -83,6 +83,19 @@ impl Places {
         self.rest.iter().any(|z| (z - self.rest[0]).abs() > 1e-4)
     }
 
+    /// The four columns of nodes around a point, and the weight of each; beyond the grid those of its border.
+    #[inline(always)]
+    fn around(&self, point: Vec3) -> ([usize; 4], [f32; 4]) {
+        let [nx, ny, _] = self.nodes;
+        let q = (point.truncate() - self.low) * self.per_mm;
+        let x = q.x.clamp(0.0, (nx - 1) as f32);
+        let y = q.y.clamp(0.0, (ny - 1) as f32);
+        let (i, j) = ((x as usize).min(nx - 2), (y as usize).min(ny - 2));
+        let (fx, fy) = (x - i as f32, y - j as f32);
+        let columns = [j * nx + i, j * nx + i + 1, (j + 1) * nx + i, (j + 1) * nx + i + 1];
+        (columns, [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy])
+    }
+
     /// How many nodes there are.
     pub fn count(&self) -> usize {
         self.rest.len() * self.nodes[2]
@@ -118,13 +131,10 @@ impl<const N: usize> Grid<N> {
         (&self.places, &self.values)
     }
 
-    /// How far a point is above the untouched face (that of the nearest node), mm.
+    /// How far a point is above the untouched face, mm.
     pub fn lift(&self, point: Vec3) -> f32 {
-        let places = &self.places;
-        let [nx, ny, _] = places.nodes;
-        let q = ((point.truncate() - places.low) * places.per_mm).round();
-        let at = |q: f32, n: usize| (q.max(0.0) as usize).min(n - 1);
-        point.z - places.rest[at(q.y, ny) * nx + at(q.x, nx)]
+        let (columns, weights) = self.places.around(point);
+        point.z - (0..4).map(|c| self.places.rest[columns[c]] * weights[c]).sum::<f32>()
     }
 
     /// Normal of the untouched face under a point.
@@ -142,14 +152,8 @@ impl<const N: usize> Grid<N> {
     #[inline(always)]
     pub fn at(&self, point: Vec3) -> [f32; N] {
         let places = &self.places;
-        let [nx, ny, nz] = places.nodes;
-        let q = (point.truncate() - places.low) * places.per_mm;
-        let x = q.x.clamp(0.0, (nx - 1) as f32);
-        let y = q.y.clamp(0.0, (ny - 1) as f32);
-        let (i, j) = ((x as usize).min(nx - 2), (y as usize).min(ny - 2));
-        let (fx, fy) = (x - i as f32, y - j as f32);
-        let columns = [j * nx + i, j * nx + i + 1, (j + 1) * nx + i, (j + 1) * nx + i + 1];
-        let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
+        let nz = places.nodes[2];
+        let (columns, weights) = places.around(point);
         let rest: f32 = (0..4).map(|c| places.rest[columns[c]] * weights[c]).sum();
         let lift = (point.z - rest - places.lift_low) * places.lift_per_mm;
         let z = lift.clamp(0.0, (nz - 1) as f32);
