@@ -257,13 +257,12 @@ impl SceneFile {
         let ranges = [("elastomer.x_range", pad.x_range), ("elastomer.y_range", pad.y_range)];
         let sides = [("box.x", walls.x), ("box.y", walls.y), ("box.z", walls.z)];
         let sides = sides.map(|(key, range)| (key, range.map(f64::from)));
-        if let Some((key, [low, high])) =
-            ranges.into_iter().chain(sides).find(|(_, [low, high])| !(low < high))
+        if let Some((key, [low, high])) = ranges.into_iter().chain(sides).find(|(_, [low, high])| low >= high)
         {
             return Err(format!("{key} = [{low}, {high}]: the first number is below the second"));
         }
         let PadFile { radius, rc, .. } = *pad;
-        if !(radius > 0.0 && (0.0..=radius).contains(&rc)) {
+        if radius <= 0.0 || !(0.0..=radius).contains(&rc) {
             return Err(format!(
                 "elastomer.R = {radius} and rc = {rc}: the ball's radius R is above 0, that of its contact rc from 0 to R"
             ));
@@ -275,13 +274,12 @@ impl SceneFile {
         for light in &self.lights {
             let name = &light.name;
             for (key, size) in [("size_u_mm", light.size_u_mm), ("size_v_mm", light.size_v_mm)] {
-                if !(size > 0.0) {
+                if size <= 0.0 {
                     return Err(format!("{key} = {size} of light \"{name}\": it is above 0"));
                 }
             }
-            // (Not a number is no direction, either.)
             let facing = light.u_dir.cross(light.v_dir).dot(light.normal).abs();
-            if !(facing > LEAST_FACING) {
+            if facing.is_nan() || facing < LEAST_FACING {
                 return Err(format!(
                     "normal = {} of light \"{name}\": it points to either side of its u_dir and v_dir, which are {} and {}",
                     light.normal, light.u_dir, light.v_dir
