@@ -263,6 +263,17 @@ fn in_view(cases: &mut Vec<Case>) {
         }
     }
     cases.push(case(
+        "a lamp before another",
+        Due::Refusal,
+        changed(|s| {
+            let mut before = s.lights[0].clone();
+            if let LightShape::Rectangle { center, .. } = &mut before.shape {
+                center.x *= 0.6;
+            }
+            s.lights.push(Light { name: "before".to_owned(), ..before });
+        }),
+    ));
+    cases.push(case(
         "the pad's edge is in the view",
         Due::Picture,
         changed(|s| {

@@ -29,7 +29,7 @@ impl Args {
     /// Runs the sweep.
     pub fn run(self) -> Exit {
         let settings = match self.quick {
-            true => Settings { size: [40, 30], judge_samples: 32, tolerance: self.tolerance, every: 4 },
+            true => Settings { size: [64, 48], judge_samples: 32, tolerance: self.tolerance, every: 4 },
             false => Settings { size: [96, 72], judge_samples: 64, tolerance: self.tolerance, every: 1 },
         };
         let verdicts = run(&settings, |verdict| {
