@@ -81,7 +81,6 @@ const GUESS_VOLUME: f32 = 0.1;
 const PRESSES_ON: f64 = 0.15;
 /// Part of the last way from which on one that goes on is as well guessed by that alone: the linear solve then costs more than it
 /// saves. Found by experiment: slides of a sphere and a punch take a tenth less without it, steps of a tenth of a press a twentieth.
-/// (Where longer steps, or shorter ones after a failure, go without it, fewer knives find an equilibrium.)
 const AS_LONG: f64 = 0.9;
 /// Longest way along the face in one increment with friction, mm.
 const LONGEST_SLIDE_MM: f64 = 0.25;

@@ -133,20 +133,19 @@ impl Newton {
             );
             self.direction(problem, contacts, PREDICTED);
             let mut trial = std::mem::take(&mut self.trial);
-            let mut part = 1.0;
-            for attempt in 0..5 {
-                if attempt == 4 {
-                    found = self.strain(operator, u);
-                    break;
-                }
+            let mut went = false;
+            for part in [1.0, 0.5, 0.25, 0.125] {
                 trial.clear();
                 trial.extend(u.iter().zip(&self.step).map(|(u, s)| u + part * s));
                 found = self.strain(operator, &trial);
-                if found.evaluation.least_volume > 0.1 {
+                went = found.evaluation.least_volume > 0.1;
+                if went {
                     std::mem::swap(u, &mut trial);
                     break;
                 }
-                part *= 0.5;
+            }
+            if !went {
+                found = self.strain(operator, u);
             }
             self.trial = trial;
         }
