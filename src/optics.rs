@@ -94,14 +94,14 @@ pub enum Error {
         reason: String,
     },
     /// A scene file does not follow its format.
-    #[error(
-        "the scene file {path} is not a tactile-bench scene: {reason}; compare it with tactile-bench-1.json"
-    )]
+    #[error("the scene file {path} is not a tactile-bench scene: {reason}; {next}")]
     SceneFormat {
         /// The file, or `<text>`.
         path: String,
         /// What is wrong.
         reason: String,
+        /// What to do about it.
+        next: String,
     },
     /// A part of the scene cannot be rendered.
     #[error("{part} of the scene: {what}; {next}")]

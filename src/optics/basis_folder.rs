@@ -72,8 +72,8 @@ fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Error> {
 }
 
 fn read_camera(path: &Path) -> Result<Option<SensorCamera>, Error> {
-    match std::fs::read_to_string(path) {
-        Ok(text) => serde_json::from_str(&text).map(Some).map_err(|e| fault("read", path, &e)),
+    match std::fs::read(path) {
+        Ok(bytes) => serde_json::from_slice(&bytes).map(Some).map_err(|e| wrong(path, e.to_string())),
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
         Err(e) => Err(fault("read", path, &e)),
     }
@@ -85,13 +85,12 @@ fn read_camera(path: &Path) -> Result<Option<SensorCamera>, Error> {
 /// When a file is missing or is not what it should be; it is named.
 pub fn read(folder: &Path) -> Result<Contents, Error> {
     let path = folder.join(LIST);
-    let text = std::fs::read_to_string(&path).map_err(|e| fault("read", &path, &e))?;
-    let wrong = |reason: String| Error::Content {
-        path: path.display().to_string(),
-        reason,
-        next: "write the folder anew with `twinrig render --basis`",
-    };
-    let list: Vec<Entry> = serde_json::from_str(&text).map_err(|e| wrong(e.to_string()))?;
+    let bytes = std::fs::read(&path).map_err(|e| match e.kind() {
+        std::io::ErrorKind::NotFound => no_basis(folder),
+        _ => fault("read", &path, &e),
+    })?;
+    let wrong = |reason| wrong(&path, reason);
+    let list: Vec<Entry> = serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))?;
     if let Some(entry) = list.iter().find(|e| !is_radiance(Vec3::from_array(e.radiance))) {
         let Entry { light, radiance, .. } = entry;
         return Err(wrong(format!("the radiance of {light} is {radiance:?}, allowed are 0 to 1e12")));
@@ -99,7 +98,12 @@ pub fn read(folder: &Path) -> Result<Contents, Error> {
     let mut films = Vec::new();
     for entry in &list {
         let path = folder.join(&entry.file);
-        let bytes = std::fs::read(&path).map_err(|e| fault("read", &path, &e))?;
+        let bytes = std::fs::read(&path).map_err(|e| match e.kind() {
+            std::io::ErrorKind::NotFound => {
+                wrong(format!("{} is missing, its picture of light {:?}", entry.file, entry.light))
+            }
+            _ => fault("read", &path, &e),
+        })?;
         films.push(Film::from_npy(&bytes, &path.display().to_string())?);
     }
     let size = |f: &Film| [f.width, f.height];
@@ -109,6 +113,27 @@ pub fn read(folder: &Path) -> Result<Contents, Error> {
     let radiances = list.iter().map(|e| Vec3::from_array(e.radiance)).collect();
     let basis = LightBasis { names: list.into_iter().map(|e| e.light).collect(), films };
     Ok(Contents { basis, radiances, camera: read_camera(&folder.join(SENSOR))? })
+}
+
+/// A folder in which nothing was rendered light by light.
+fn no_basis(folder: &Path) -> Error {
+    let reason = match folder.is_dir() {
+        true => format!("the folder holds no basis (no {LIST})"),
+        false => "there is no such folder".to_owned(),
+    };
+    Error::Content {
+        path: folder.display().to_string(),
+        reason,
+        next: "`twinrig render SCENE.json --out PICTURE --basis FOLDER`, or with a sensor for the scene, makes one",
+    }
+}
+
+fn wrong(path: &Path, reason: String) -> Error {
+    Error::Content {
+        path: path.display().to_string(),
+        reason,
+        next: "write the folder anew with `twinrig render --basis`",
+    }
 }
 
 fn fault(action: &'static str, path: &Path, reason: &impl ToString) -> Error {
@@ -153,7 +178,13 @@ mod tests {
         let told = read(&folder).unwrap_err().to_string();
         assert!(told.contains("1_right.npy") && !told.contains("permissions"), "{told}");
         std::fs::remove_file(picture).unwrap();
-        assert!(read(&folder).unwrap_err().to_string().contains("1_right.npy"));
+        let told = read(&folder).unwrap_err().to_string();
+        assert!(told.contains("1_right.npy is missing") && !told.contains("permissions"), "{told}");
+        std::fs::remove_file(folder.join(LIST)).unwrap();
+        let told = read(&folder).unwrap_err().to_string();
+        assert!(told.contains("holds no basis") && told.contains("--basis FOLDER"), "{told}");
         std::fs::remove_dir_all(&folder).unwrap();
+        let told = read(&folder).unwrap_err().to_string();
+        assert!(told.contains("no such folder") && !told.contains("permissions"), "{told}");
     }
 }

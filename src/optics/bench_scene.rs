@@ -56,13 +56,19 @@ impl std::str::FromStr for Variant {
 /// # Errors
 /// When the file cannot be read or does not follow the format.
 pub fn load(path: &Path, variant: Variant) -> Result<Scene, Error> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::File {
+    let told = path.display().to_string();
+    let bytes = std::fs::read(path).map_err(|e| Error::File {
         action: "read",
-        path: path.display().to_string(),
+        path: told.clone(),
         reason: e.to_string(),
     })?;
-    parse(&text, variant).map_err(|e| match e {
-        Error::SceneFormat { reason, .. } => Error::SceneFormat { path: path.display().to_string(), reason },
+    let text = std::str::from_utf8(&bytes).map_err(|e| Error::Content {
+        path: told.clone(),
+        reason: format!("it is no UTF-8 text from byte {} on", e.valid_up_to()),
+        next: "give a scene file, which is JSON, and save it as UTF-8",
+    })?;
+    parse(text, variant).map_err(|e| match e {
+        Error::SceneFormat { reason, next, .. } => Error::SceneFormat { path: told, reason, next },
         other => other,
     })
 }
@@ -72,30 +78,41 @@ pub fn load(path: &Path, variant: Variant) -> Result<Scene, Error> {
 /// # Errors
 /// When the text does not follow the format.
 pub fn parse(text: &str, variant: Variant) -> Result<Scene, Error> {
-    let fault = |reason: String| Error::SceneFormat { path: "<text>".to_owned(), reason };
-    let value: serde_json::Value = serde_json::from_str(text).map_err(|e| fault(e.to_string()))?;
-    if let Some(unknown) = unknown_key(&value) {
-        return Err(fault(unknown));
+    let value: serde_json::Value = serde_json::from_str(text)
+        .map_err(|e| fault(format!("it is no JSON: {e}"), "mend the file at that line and column"))?;
+    if !value.is_object() {
+        return Err(fault("it is JSON, but no object".to_owned(), EXAMPLE));
     }
-    let file: SceneFile = serde_json::from_value(value).map_err(|e| fault(e.to_string()))?;
+    if let Some(unknown) = unknown_key(&value) {
+        return Err(fault(unknown, "correct the key, or leave it out"));
+    }
+    let file = SceneFile::of(value)?;
     if file.name != "tactile-bench-1" {
-        return Err(fault(format!(
-            "its name is \"{}\", the only known one is \"tactile-bench-1\"",
-            file.name
-        )));
+        return Err(fault(
+            format!("its name is \"{}\", the only known one is \"tactile-bench-1\"", file.name),
+            "write that name if the file has this format; other formats are not read",
+        ));
     }
     let pad = &file.elastomer;
-    if !(2..=8192).contains(&pad.nx) || !(2..=8192).contains(&pad.ny) {
-        return Err(fault(format!("the pad's lattice is {} x {}, allowed are 2 to 8192", pad.nx, pad.ny)));
+    for (key, n) in [("nx", pad.nx), ("ny", pad.ny)] {
+        if !(2..=8192).contains(&n) {
+            return Err(fault(
+                format!("elastomer.{key} = {n}: the pad's lattice has 2 to 8192 points along an edge"),
+                "choose about one point a pixel that sees the pad, e.g. 641",
+            ));
+        }
     }
-    file.check().map_err(fault)?;
+    file.check()?;
     let albedo = match variant {
         Variant::At => Albedo::Texture(Arc::new(bench_texture())),
         Variant::Ac | Variant::B => Albedo::grey(pad.albedo_const),
     };
     // Lights' own patches have it, too, so a message of theirs would not name it.
     if !(0.0..1.0).contains(&file.walls.albedo) {
-        return Err(fault(format!("box.albedo = {}: it is from 0 to below 1", file.walls.albedo)));
+        return Err(fault(
+            format!("box.albedo = {}: it is from 0 to below 1", file.walls.albedo),
+            "choose what the walls reflect, e.g. 0.3 where they are painted dark",
+        ));
     }
     let mut surfaces = vec![
         Surface {
@@ -116,9 +133,10 @@ pub fn parse(text: &str, variant: Variant) -> Result<Scene, Error> {
         if let Some((axis, [low, high])) =
             [("x", p.x), ("y", p.y), ("z", p.z)].into_iter().find(|(_, [low, high])| low >= high)
         {
-            return Err(fault(format!(
-                "plate.{axis} = [{low}, {high}]: the first number is below the second"
-            )));
+            return Err(fault(
+                format!("plate.{axis} = [{low}, {high}]: the first number is below the second"),
+                IN_ORDER,
+            ));
         }
         surfaces.push(Surface {
             name: "plate".to_owned(),
@@ -221,6 +239,14 @@ const KEYS: [(&str, &[&str]); 8] = [
     ("metrics", &["relRMSE", "exposure", "exposure_value"]),
 ];
 
+/// What is wrong, in a text that has no path yet.
+fn fault(reason: String, next: &str) -> Error {
+    Error::SceneFormat { path: "<text>".to_owned(), reason, next: next.to_owned() }
+}
+
+/// The next move where an extent ends before it begins.
+const IN_ORDER: &str = "write the smaller coordinate first, in mm";
+
 /// What is wrong with the first key that the format does not have.
 fn unknown_key(file: &serde_json::Value) -> Option<String> {
     KEYS.into_iter().find_map(|(part, known)| {
@@ -235,11 +261,9 @@ fn unknown_key(file: &serde_json::Value) -> Option<String> {
 
 // The file as it stands; keys with explanations in words are read over.
 
-#[derive(Deserialize)]
 struct SceneFile {
     name: String,
     elastomer: PadFile,
-    #[serde(rename = "box")]
     walls: BoxFile,
     lights: Vec<LightFile>,
     camera: CameraFile,
@@ -251,44 +275,89 @@ struct SceneFile {
 const MOST_PX: usize = 16_384;
 
 impl SceneFile {
-    /// What is wrong with its numbers, the first of all: key, value, and what is allowed.
-    fn check(&self) -> Result<(), String> {
+    /// The parts one by one, so that what is wrong is told with the part it is in.
+    fn of(mut value: serde_json::Value) -> Result<Self, Error> {
+        let mut lights = Vec::new();
+        let listed = value["lights"].take();
+        for (k, light) in part::<Vec<serde_json::Value>>("lights", listed)?.into_iter().enumerate() {
+            lights.push(part(&format!("lights[{k}]"), light)?);
+        }
+        Ok(Self {
+            name: part("name", value["name"].take())?,
+            elastomer: part("elastomer", value["elastomer"].take())?,
+            walls: part("box", value["box"].take())?,
+            lights,
+            camera: part("camera", value["camera"].take())?,
+            max_scattering_events: part("max_scattering_events", value["max_scattering_events"].take())?,
+            plate: part("plate", value["plate"].take())?,
+        })
+    }
+
+    /// What is wrong with its numbers, the first of all: key, value, what is allowed, and the next move.
+    fn check(&self) -> Result<(), Error> {
         let Self { elastomer: pad, walls, camera, .. } = self;
         let ranges = [("elastomer.x_range", pad.x_range), ("elastomer.y_range", pad.y_range)];
         let sides = [("box.x", walls.x), ("box.y", walls.y), ("box.z", walls.z)];
         let sides = sides.map(|(key, range)| (key, range.map(f64::from)));
         if let Some((key, [low, high])) = ranges.into_iter().chain(sides).find(|(_, [low, high])| low >= high)
         {
-            return Err(format!("{key} = [{low}, {high}]: the first number is below the second"));
+            return Err(fault(
+                format!("{key} = [{low}, {high}]: the first number is below the second"),
+                IN_ORDER,
+            ));
         }
         let PadFile { radius, rc, .. } = *pad;
         if radius <= 0.0 || !(0.0..=radius).contains(&rc) {
-            return Err(format!(
-                "elastomer.R = {radius} and rc = {rc}: the ball's radius R is above 0, that of its contact rc from 0 to R"
+            return Err(fault(
+                format!(
+                    "elastomer.R = {radius} and rc = {rc}: the ball's radius R is above 0, that of its contact rc from 0 to R"
+                ),
+                "choose R in mm, and for rc where the pad parts from the ball",
             ));
         }
         let [width, height] = camera.res;
         if [width, height].iter().any(|n| !(1..=MOST_PX).contains(n)) {
-            return Err(format!("camera.res = [{width}, {height}]: each is from 1 to {MOST_PX}"));
+            return Err(fault(
+                format!("camera.res = [{width}, {height}]: each is from 1 to {MOST_PX}"),
+                "choose columns and rows of the picture, e.g. [640, 480]; `--size` changes them for one picture",
+            ));
         }
         for light in &self.lights {
             let name = &light.name;
             for (key, size) in [("size_u_mm", light.size_u_mm), ("size_v_mm", light.size_v_mm)] {
                 if size <= 0.0 {
-                    return Err(format!("{key} = {size} of light \"{name}\": it is above 0"));
+                    return Err(fault(
+                        format!("{key} = {size} of light \"{name}\": it is above 0"),
+                        "choose the light's full extent along that side, in mm; to turn it off give it the radiance [0, 0, 0]",
+                    ));
                 }
             }
             let facing = light.u_dir.cross(light.v_dir).dot(light.normal).abs();
             if facing.is_nan() || facing < LEAST_FACING {
-                return Err(format!(
-                    "normal = {} of light \"{name}\": it points to either side of its u_dir and v_dir, which are {} and {}",
-                    light.normal, light.u_dir, light.v_dir
+                return Err(fault(
+                    format!(
+                        "normal = {} of light \"{name}\": it points to either side of its u_dir and v_dir, which are {} and {}",
+                        light.normal, light.u_dir, light.v_dir
+                    ),
+                    "choose three unit vectors at right angles, the normal towards what it lights",
                 ));
             }
         }
         Ok(())
     }
 }
+
+/// A part of the file, by the name it has there.
+fn part<T: serde::de::DeserializeOwned>(name: &str, value: serde_json::Value) -> Result<T, Error> {
+    if value.is_null() {
+        return Err(fault(format!("\"{name}\" is missing"), EXAMPLE));
+    }
+    serde_json::from_value(value).map_err(|e| fault(format!("\"{name}\": {e}"), EXAMPLE))
+}
+
+/// The next move where the file's shape is wrong, and no range.
+const EXAMPLE: &str =
+    "the format's example, tests/data/optics/tactile-bench-1.json, has every key as it should be";
 
 /// A light's normal is that of its sides if their triple product, 1 where all are as they should be, is above this.
 const LEAST_FACING: f32 = 0.99;
@@ -417,19 +486,16 @@ const WIDEST_DEG: f64 = 179.0;
 impl CameraFile {
     fn camera(&self) -> Result<Camera, Error> {
         if self.kind != "pinhole" {
-            return Err(Error::SceneFormat {
-                path: "<text>".to_owned(),
-                reason: format!("its camera is \"{}\", the format has \"pinhole\" only", self.kind),
-            });
+            return Err(fault(
+                format!("camera.type = \"{}\": the format has \"pinhole\" only", self.kind),
+                "write that; cameras with an aperture or a distortion are for sensor files (.toml)",
+            ));
         }
         if !(self.hfov_deg > 0.0 && self.hfov_deg < WIDEST_DEG) {
-            return Err(Error::SceneFormat {
-                path: "<text>".to_owned(),
-                reason: format!(
-                    "camera.hfov_deg = {}: it is above 0 and below {WIDEST_DEG} degrees",
-                    self.hfov_deg
-                ),
-            });
+            return Err(fault(
+                format!("camera.hfov_deg = {}: it is above 0 and below {WIDEST_DEG} degrees", self.hfov_deg),
+                "choose the full horizontal angle of view, e.g. 50",
+            ));
         }
         Ok(camera::Camera {
             origin: self.origin,
@@ -498,5 +564,43 @@ mod tests {
         assert!(box_told.contains("box.albedo = 1: it is from 0 to below 1"), "{box_told}");
         let view_told = told("camera", "hfov_deg", 180.0);
         assert!(view_told.contains("camera.hfov_deg = 180: it is above 0 and below 179"), "{view_told}");
+    }
+
+    /// A next move that fits all mistakes helps with none.
+    #[test]
+    fn every_mistake_has_the_next_move_that_suits_its_key() {
+        let text = include_str!("../../tests/data/optics/tactile-bench-1.json");
+        let told = |change: &dyn Fn(&mut serde_json::Value)| {
+            let mut file: serde_json::Value = serde_json::from_str(text).unwrap();
+            change(&mut file);
+            parse(&file.to_string(), Variant::B).unwrap_err().to_string()
+        };
+        for (told, next) in [
+            (told(&|f| f["camera"]["res"] = serde_json::json!([0, 480])), "e.g. [640, 480]"),
+            (told(&|f| f["camera"]["hfov_deg"] = 180.0.into()), "the full horizontal angle"),
+            (told(&|f| f["camera"]["type"] = "fisheye".into()), "sensor files"),
+            (told(&|f| f["box"]["albedo"] = 1.0.into()), "e.g. 0.3"),
+            (told(&|f| f["box"]["x"] = serde_json::json!([1.0, -1.0])), "the smaller coordinate first"),
+            (told(&|f| f["plate"]["z"] = serde_json::json!([1.0, 1.0])), "the smaller coordinate first"),
+            (told(&|f| f["elastomer"]["nx"] = 1.into()), "one point a pixel"),
+            (told(&|f| f["elastomer"]["R"] = 0.0.into()), "choose R in mm"),
+            (told(&|f| f["lights"][0]["size_v_mm"] = 0.0.into()), "the radiance [0, 0, 0]"),
+            (told(&|f| f["name"] = "another".into()), "write that name"),
+            (told(&|f| f["wall"] = 1.into()), "correct the key"),
+            (parse("[]", Variant::Ac).unwrap_err().to_string(), "the format's example"),
+            (parse("{", Variant::Ac).unwrap_err().to_string(), "that line and column"),
+        ] {
+            assert!(told.contains(next), "{told}");
+        }
+        // What is missing is told with where it is missing.
+        let missing = told(&|f| _ = f["lights"][2].as_object_mut().unwrap().remove("normal"));
+        assert!(missing.contains("\"lights[2]\": missing field `normal`"), "{missing}");
+        let missing = told(&|f| _ = f.as_object_mut().unwrap().remove("camera"));
+        assert!(missing.contains("\"camera\" is missing; the format's example"), "{missing}");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.json");
+        std::fs::write(&path, b"{\"name\": \"\xff\"}").unwrap();
+        let told = load(&path, Variant::Ac).unwrap_err().to_string();
+        assert!(told.contains("no UTF-8 text from byte 10 on") && !told.contains("permissions"), "{told}");
     }
 }
