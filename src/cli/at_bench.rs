@@ -3,7 +3,7 @@
 use super::exit::Exit;
 use super::options::{RigOptions, Speed};
 use super::screen;
-use super::signals::Signals;
+use super::signals::{AtOnce, Signals};
 use crate::assemble::{self, Assembled, BenchOptions};
 use crate::config::Setup;
 use crate::control::{Board, RigKey, Server};
@@ -55,7 +55,7 @@ impl AtBench {
             Exit::Refused
         })?;
         let stop = StopSwitch::new();
-        let signals = Signals::listen(stop.clone()).map_err(|e| {
+        let signals = Signals::listen(stop.clone(), AtOnce::Rig).map_err(|e| {
             screen::error(format_args!("signals cannot be caught: {e}"));
             Exit::Failed
         })?;

@@ -9,7 +9,7 @@ use super::at_bench::answer_others;
 use super::exit::Exit;
 use super::options::{RigAndPlan, Speed};
 use super::screen;
-use super::signals::Signals;
+use super::signals::{AtOnce, Signals};
 use crate::assemble::{self, BenchOptions};
 use crate::collection::{BACKGROUND, Collection, CollectionError, Progress, SessionPart};
 use crate::config::{PlanSetup, Setup};
@@ -73,7 +73,8 @@ impl Args {
         }
         setup.warnings.iter().for_each(screen::warning);
         let stop = StopSwitch::new();
-        let signals = match Signals::listen(stop.clone()) {
+        let at_once = if self.sim_only { AtOnce::Dataset } else { AtOnce::Rig };
+        let signals = match Signals::listen(stop.clone(), at_once) {
             Ok(signals) => signals,
             Err(e) => {
                 screen::error(format_args!("signals cannot be caught: {e}"));

@@ -14,6 +14,31 @@ use tokio::signal::unix::{SignalKind, signal};
 pub struct Signals {
     stop: StopSwitch,
     received: Arc<AtomicU8>,
+    at_once: AtOnce,
+}
+
+/// What a second signal leaves behind, for whoever sent it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AtOnce {
+    /// Movers that were stopped wherever they were.
+    Rig,
+    /// A dataset; no mover was used.
+    Dataset,
+    /// The account of a simulation; no mover was used.
+    Account,
+}
+
+impl std::fmt::Display for AtOnce {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            AtOnce::Rig => "stopped at once; home the rig before the next session",
+            AtOnce::Dataset => "stopped at once; what is stored is consistent: the same command with --resume goes on",
+            AtOnce::Account => {
+                "stopped at once; what captures.jsonl lists is stored whole: --captures with the others, into another \
+                 --out, goes on"
+            }
+        })
+    }
 }
 
 /// The signal that `twinrig stop` counts as.
@@ -24,12 +49,12 @@ const LAST_WORDS: std::time::Duration = std::time::Duration::from_millis(50);
 
 impl Signals {
     /// Listens for SIGINT, SIGTERM and SIGHUP, and raises the switch on the first; a second one raises
-    /// it to emergency and ends the process.
+    /// it to emergency and ends the process; `at_once` says what that leaves.
     ///
     /// # Errors
     /// When the system refuses to install a handler.
-    pub fn listen(stop: StopSwitch) -> std::io::Result<Signals> {
-        let signals = Signals { stop, received: Arc::default() };
+    pub fn listen(stop: StopSwitch, at_once: AtOnce) -> std::io::Result<Signals> {
+        let signals = Signals { stop, received: Arc::default(), at_once };
         let listening = signals.clone();
         let mut first = true;
         on_each(move |number| {
@@ -69,7 +94,7 @@ impl Signals {
         self.stop.raise(StopLevel::Emergency);
         std::thread::sleep(LAST_WORDS);
         super::screen::take_back();
-        super::screen::error("stopped at once; home the rig before the next session");
+        super::screen::error(self.at_once);
         std::process::exit(i32::from(Exit::StoppedHard.code()));
     }
 

@@ -12,7 +12,7 @@ mod mark;
 use super::exit::Exit;
 use super::options::RigAndPlan;
 use super::screen;
-use super::signals::Signals;
+use super::signals::{AtOnce, Signals};
 use crate::assemble;
 use crate::config::Setup;
 use crate::image::png;
@@ -70,7 +70,7 @@ impl Args {
             };
         setup.warnings.iter().for_each(screen::warning);
         let stop = StopSwitch::new();
-        let signals = match Signals::listen(stop.clone()) {
+        let signals = match Signals::listen(stop.clone(), AtOnce::Account) {
             Ok(signals) => signals,
             Err(e) => {
                 screen::error(format_args!("signals cannot be caught: {e}"));
@@ -220,7 +220,7 @@ impl std::fmt::Display for Summary {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}: {} of {} captures simulated", self.out.display(), self.simulated, self.captures)?;
         if !self.is_complete {
-            write!(f, ", stopped")?;
+            write!(f, ", stopped (--captures with the others, into another --out, goes on)")?;
         }
         if self.failed > 0 {
             write!(f, ", {} failed (captures.jsonl says why)", self.failed)?;
