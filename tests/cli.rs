@@ -205,6 +205,30 @@ fn a_simulation_that_is_stopped_leaves_its_account() {
     }
 }
 
+/// It has no rig to home.
+#[test]
+fn a_simulation_that_is_stopped_at_once_says_what_is_stored_and_how_to_go_on() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().to_str().expect("a path");
+    let slip = "rig_configs/plans/slip.toml";
+    let mut simulation = twinrig(&["simulate", VIRTUAL, slip, "--out", out, "--surface"]);
+    let mut child = simulation.stderr(std::process::Stdio::piped()).spawn().expect("starts");
+    wait_for("the account", || folder.path().join("captures.jsonl").exists().then_some(()));
+    // Both signals would count as one if they came at once.
+    send("TERM", &child);
+    std::thread::sleep(Duration::from_millis(30));
+    send("TERM", &child);
+    let status = ends(&mut child);
+    let mut said = String::new();
+    std::io::Read::read_to_string(child.stderr.as_mut().expect("piped"), &mut said).expect("text");
+    assert!(!said.contains("home the rig"), "{said}");
+    // On a slow machine the first may have been enough.
+    match status.code() {
+        Some(131) => assert!(said.contains("captures.jsonl") && said.contains("--captures"), "{said}"),
+        code => assert_eq!(code, Some(143), "{said}"),
+    }
+}
+
 #[test]
 fn a_simulation_of_another_sensor_stays_where_it_is() {
     let checked = run(&["check", VIRTUAL, SMALL, "--json"]);
@@ -486,6 +510,39 @@ fn what_optics_cannot_do_is_refused_before_the_work() {
     }
     let left: Vec<_> = std::fs::read_dir(folder.path()).expect("a list").collect();
     assert_eq!(left.len(), 1, "{left:?}");
+    // A sensor that the fast mode has no way for: the next move is the mode that has.
+    let glossy = at("gelsight.toml");
+    let gelsight = std::fs::read_to_string("rig_configs/sensors/gelsight.toml").expect("the sensor");
+    std::fs::write(&glossy, gelsight.replace("roughness = 1.0", "roughness = 0.5")).expect("a sensor");
+    let output = run(&["render", &glossy, "--mode", "fast", "--out", &out]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("optics.coating.roughness = 0.5") && said.contains("--mode reference"), "{said}");
+    // Nor has relight a way without a basis.
+    let folder_told = folder.path().to_str().expect("a path");
+    let said = text(&run(&["relight", folder_told, "--out", &out]).stderr);
+    assert!(said.contains("holds no basis") && said.contains("--basis"), "{said}");
+    // A picture without light is one, and is told.
+    let mut dark: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(SCENE).expect("the scene")).expect("a scene");
+    let night = at("night.json");
+    for (mode, lights_are_off) in [("reference", true), ("fast", true), ("reference", false)] {
+        let lights = dark["lights"].as_array_mut().expect("a list");
+        match lights_are_off {
+            true => lights.iter_mut().for_each(|l| l["radiance_linear_rgb"] = serde_json::json!([0, 0, 0])),
+            false => lights.clear(),
+        }
+        std::fs::write(&night, dark.to_string()).expect("a scene");
+        let small = ["--size", "8x6", "--json", "--mode", mode];
+        let output = run(&[&["render", &night, "--out", &out][..], &small].concat());
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{said}");
+        assert!(said.contains("no light of") && text(&output.stdout).contains("\"is_dark\": true"), "{said}");
+    }
+    std::fs::remove_file(&out).expect("written");
+    let output = run(&["render", &night, "--out", &out, "--basis", &at("basis")]);
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stdout));
+    assert!(text(&output.stderr).contains("the scene has no light"), "{}", text(&output.stderr));
     // What is full is known too late: that is a failure.
     std::os::unix::fs::symlink("/dev/full", &out).expect("a link");
     let output = run(&["render", SCENE, "--out", &out, "--size", "8x6", "--spp", "1"]);

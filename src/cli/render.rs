@@ -65,7 +65,14 @@ pub struct Args {
 impl Args {
     /// Runs the subcommand.
     pub fn run(self) -> Exit {
-        match self.render() {
+        let rendered = self.render();
+        if let Ok(Times { is_dark: true, .. }) = rendered {
+            screen::warning(format_args!(
+                "no light of {} shines, so the picture is black; give one a radiance above 0",
+                self.scene.display()
+            ));
+        }
+        match rendered {
             Ok(times) if times.meets_tolerance == Some(false) => {
                 let estimated = times.estimated_error.unwrap_or_default();
                 screen::warning(Notice::AboveTolerance { estimated, tolerance: self.tolerance() });
@@ -182,10 +189,22 @@ pub(super) enum RenderError {
     Sensor(#[from] ConfigError),
     /// The light or the files of pictures.
     #[error(transparent)]
-    Optics(#[from] Error),
+    Optics(Error),
+    /// Sessions fall back by themselves; here a mode was asked for.
+    #[error("{0}: choose --mode reference (a session's twin does so by itself, and says so)")]
+    NotFast(Error),
     /// An option that sensors do not have.
     #[error("--variant {0:?}: a sensor has no variants, only scene files have; leave it out")]
     VariantOfSensor(Variant),
+}
+
+impl From<Error> for RenderError {
+    fn from(e: Error) -> Self {
+        match e {
+            Error::NotFast { .. } => Self::NotFast(e),
+            e => Self::Optics(e),
+        }
+    }
 }
 
 fn parse_variant(text: &str) -> Result<Variant, String> {

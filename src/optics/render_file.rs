@@ -67,6 +67,8 @@ pub struct Times {
     pub best_light_s: f64,
     /// From one picture a light to the picture in the scene's colours, at best (with a basis).
     pub best_recolour_s: Option<f64>,
+    /// Whether no light of the scene shines: the picture is black.
+    pub is_dark: bool,
     /// The scene's lights, linear.
     #[serde(skip)]
     pub radiances: Vec<Vec3>,
@@ -126,6 +128,13 @@ fn render_on_pool(
 ) -> Result<Rendered, Error> {
     let start = Instant::now();
     let mut scene = load()?;
+    if request.basis && scene.lights.is_empty() {
+        return Err(Error::Argument {
+            name: "--basis",
+            value: "one picture a light".to_owned(),
+            why: "the scene has no light; leave it out, or give the scene a light".to_owned(),
+        });
+    }
     if let Some([width, height]) = request.size {
         scene.camera = scene.camera.with_raster(width, height);
         scene.check()?;
@@ -192,6 +201,7 @@ fn render_on_pool(
         best_structure_s: best[0],
         best_light_s: best[1],
         best_recolour_s: basis.as_ref().map(|_| best[2]),
+        is_dark: radiances.iter().all(|radiance| *radiance == Vec3::ZERO),
         radiances,
         prepared_before,
         estimated_error,
