@@ -29,6 +29,7 @@ pub mod emitter;
 pub mod fast;
 pub mod film;
 pub mod ggx;
+pub mod grain;
 pub mod imager;
 pub mod imaging;
 pub mod irradiance;

@@ -437,6 +437,7 @@ mod tests {
             lens: None,
             baffles: Vec::new(),
             markers: None,
+            grain: None,
             lights: vec![
                 light("blue", [-7.999, 0.0, -4.0], [1.0, 0.0, 0.0], [25.0, 75.0, 255.0]),
                 light("red", [0.0, 7.999, -4.0], [0.0, -1.0, 0.0], [255.0, 50.0, 75.0]),
@@ -640,6 +641,81 @@ mod tests {
             let centre = Vec2::new((k % 48) as f32 + 0.5, (k / 48) as f32 + 0.5) / Vec2::new(48.0, 36.0);
             assert!((sight.uv - centre).length() < 1e-5);
             assert!((texture_coordinate(&sensor, sight.point) - centre).length() < 1e-5);
+        }
+    }
+
+    /// By how much the coat's grain changes each pixel, told by the same picture without it.
+    fn grain_seen(sensor: &SensorOptics, method: Method, face: &DisplacedSurface) -> Vec<f32> {
+        let rest = DisplacedSurface::flat(65, 65, [16.0, 16.0]);
+        let light = |sensor: &SensorOptics| {
+            Imager::new(sensor, method, None, &rest).unwrap().picture(face, 0).unwrap().light
+        };
+        let (grainy, plain) = (light(sensor), light(&SensorOptics { grain: None, ..sensor.clone() }));
+        grainy.pixels.iter().zip(&plain.pixels).map(|(g, p)| g.y / p.y - 1.0).collect()
+    }
+
+    #[test]
+    fn grain_rides_on_the_face_and_looks_the_same_in_both_modes() {
+        let mut sensor = small_sensor(TextureMode::Ratio);
+        sensor.grain = Some(GrainSpec {
+            rms: 0.1,
+            size_mm: 0.5,
+            specks_per_mm2: 0.2,
+            speck_mm: 1.0,
+            speck_depth: 0.2,
+            seed: 3,
+        });
+        let rest = DisplacedSurface::flat(65, 65, [16.0, 16.0]);
+        let mut dragged = rest.clone();
+        dragged.positions.iter_mut().for_each(|p| p.x += 1.0);
+        let reference = Method::Reference(reference::Settings { samples: 64, seed: 2 });
+        let rms = |values: &mut dyn Iterator<Item = f32>| {
+            let (n, sum) = values.fold((0, 0.0), |(n, sum), v| (n + 1, sum + f64::from(v * v)));
+            (sum / f64::from(n)).sqrt()
+        };
+        let [traced, fast] = [reference, FAST].map(|method| {
+            let (before, after) = (grain_seen(&sensor, method, &rest), grain_seen(&sensor, method, &dragged));
+            // 1 mm is 4 pixels, and nothing follows from beyond the view.
+            let inner =
+                || (0..48 * 36).filter(|k| (3..43).contains(&(k % 48)) && (2..34).contains(&(k / 48)));
+            let there = rms(&mut inner().map(|k| before[k]));
+            let left = rms(&mut inner().map(|k| before[k] - after[k + 4]));
+            let stays = rms(&mut inner().map(|k| before[k] - after[k]));
+            assert!(there > 0.07, "{there}");
+            assert!(
+                left < 0.1 * there && stays > 0.8 * there,
+                "{}: {left} {stays} of {there}",
+                method.name()
+            );
+            before
+        });
+        let apart = rms(&mut traced.iter().zip(&fast).map(|(a, b)| a - b));
+        assert!(apart < 0.05 * rms(&mut fast.iter().copied()), "{apart}");
+    }
+
+    #[test]
+    fn grain_that_is_off_or_in_the_untouched_image_changes_no_bit() {
+        let plain = small_sensor(TextureMode::Ratio);
+        let with = |grain: GrainSpec| SensorOptics { grain: Some(grain), ..plain.clone() };
+        let off = with(GrainSpec { seed: 9, size_mm: 0.3, ..GrainSpec::default() });
+        let on = with(GrainSpec { rms: 0.1, ..GrainSpec::default() });
+        let rest = DisplacedSurface::flat(65, 65, [16.0, 16.0]);
+        let rgb = dusty();
+        let image = Background { width: 48, height: 36, rgb: &rgb };
+        let traced = Method::Reference(reference::Settings { samples: 2, seed: 2 });
+        for method in [traced, FAST] {
+            let seen = |sensor: &SensorOptics, image: Option<Background<'_>>| {
+                let picture =
+                    Imager::new(sensor, method, image, &rest).unwrap().picture(&pressed(), 0).unwrap();
+                (picture.rgb, picture.light)
+            };
+            assert_eq!(seen(&plain, None), seen(&off, None));
+            assert_ne!(seen(&plain, None), seen(&on, None));
+            for texture in [TextureMode::Ratio, TextureMode::Lit] {
+                let worn =
+                    |sensor: &SensorOptics| seen(&SensorOptics { texture, ..sensor.clone() }, Some(image));
+                assert_eq!(worn(&plain), worn(&on));
+            }
         }
     }
 }

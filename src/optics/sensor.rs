@@ -16,7 +16,7 @@ mod place;
 
 pub use baffle::{BaffleShapeSpec, BaffleSpec};
 pub use camera::CameraSpec;
-pub use coating::{CoatingSpec, MarkerSpec, TextureMode};
+pub use coating::{CoatingSpec, GrainSpec, MarkerSpec, TextureMode};
 pub use housing::{HousingSpec, PlateSpec};
 pub use image::ImageSpec;
 pub use lens::{LensFace, LensSpec};
@@ -50,6 +50,9 @@ pub struct SensorOptics {
     /// Dots printed on the coating. With an image of the untouched sensor they are in that.
     #[serde(default)]
     pub markers: Option<MarkerSpec>,
+    /// Grain and specks of the coating. With an image of the untouched sensor they are in that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub grain: Option<GrainSpec>,
     /// How the image of the untouched sensor is used.
     #[serde(default)]
     pub texture: TextureMode,
@@ -97,6 +100,9 @@ impl SensorOptics {
         problems.within("coating", |p| self.coating.check(p));
         if let Some(markers) = &self.markers {
             problems.within("markers", |p| markers.check(p));
+        }
+        if let Some(grain) = &self.grain {
+            problems.within("grain", |p| grain.check(p));
         }
         problems.within("mesh", |p| self.mesh.check(p));
         problems.within("image", |p| self.image.check(p));

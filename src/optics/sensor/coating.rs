@@ -58,6 +58,48 @@ impl MarkerSpec {
     }
 }
 
+/// Grain and specks of the coating, which a real one has and which ride on the face.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GrainSpec {
+    /// Root mean square by which the reflectance differs from its mean, relative, specks apart; 0 is none.
+    pub rms: f64,
+    /// How far apart two points are that have half of it in common, mm (on the plane through the apex of a curved face, as
+    /// the camera sees it).
+    pub size_mm: f64,
+    /// Dark specks, in each mm^2.
+    pub specks_per_mm2: f64,
+    /// Width of a speck where it is half as dark as in its middle, mm; they are from half to twice as wide, and up to three
+    /// times as long as wide.
+    pub speck_mm: f64,
+    /// How much darker the middle of a speck is, relative, on average; many are fainter, a few several times as dark
+    /// (exponential).
+    pub speck_depth: f64,
+    /// Which coat of this kind: another number is another sensor's.
+    pub seed: u32,
+}
+
+impl Default for GrainSpec {
+    fn default() -> Self {
+        Self { rms: 0.0, size_mm: 0.05, specks_per_mm2: 0.0, speck_mm: 0.3, speck_depth: 0.01, seed: 0 }
+    }
+}
+
+impl GrainSpec {
+    pub(super) fn check(&self, p: &mut Problems) {
+        p.range("rms", self.rms, 0.0, 0.2, "");
+        p.range("size_mm", self.size_mm, 0.01, 1.0, "mm");
+        p.range("specks_per_mm2", self.specks_per_mm2, 0.0, 5.0, "in each mm^2");
+        p.range("speck_mm", self.speck_mm, 0.02, 1.0, "mm");
+        p.range("speck_depth", self.speck_depth, 0.0, 0.3, "");
+    }
+
+    /// Whether any of it shows.
+    pub fn shows(&self) -> bool {
+        self.rms > 0.0 || (self.specks_per_mm2 > 0.0 && self.speck_depth > 0.0)
+    }
+}
+
 /// How the image of the untouched sensor becomes part of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
