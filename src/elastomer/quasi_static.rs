@@ -189,6 +189,9 @@ impl QuasiStaticSolver {
 
     /// Follows a straight way to `pose`, again with finer cells where that is worth while.
     fn go_to(&mut self, pose: &Pose) -> Result<(), Error> {
+        if self.path.last() == Some(pose) && self.finest().pose() == pose {
+            return Ok(());
+        }
         self.pad.reaches(self.indenter.as_ref(), pose)?;
         if self.dispensable && self.unrefined.is_some() && self.drags(pose) {
             self.again_unrefined()?;

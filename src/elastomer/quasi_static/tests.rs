@@ -461,6 +461,19 @@ fn a_blade_that_the_sample_points_miss_is_told_as_an_error() {
 }
 
 #[test]
+fn a_waypoint_that_is_asked_for_again_is_as_it_was_and_takes_nothing() {
+    let mut s = solver(Friction::Coefficient(0.5), Arc::new(Punch(2.7, 0.3)), Law::FixedCorotated);
+    let pose = Pose::new(0.0, 0.0, -0.5, 0.0);
+    s.advance(&pose).expect("an easy press");
+    let first = s.capture(51, 51).expect("a lattice");
+    s.advance(&pose).expect("where it is");
+    let again = s.capture(51, 51).expect("a lattice");
+    assert_eq!((again.stats.iterations, again.stats.passes), (0, 0));
+    assert_eq!(first.surface.positions, again.surface.positions);
+    assert_eq!(first.forces, again.forces);
+}
+
+#[test]
 fn contact_at_the_edge_is_refused_and_before_touch_nothing_is_computed() {
     let mut s = solver(Friction::Infinite, Arc::new(Sphere(4.0)), Law::FixedCorotated);
     s.advance(&Pose::new(5.0, 5.0, 0.2, 30.0)).expect("the air is free");

@@ -49,7 +49,10 @@ fn smoothing_keeps_what_is_level_and_takes_what_is_short() {
 fn a_lattice_is_refined_to_four_points_a_cell_and_left_alone_where_it_is_coarse() {
     assert_eq!(finer([0.1, 0.1], [0.46, 0.46]), Some([1, 1]));
     assert_eq!(finer([0.4, 0.2], [0.46, 0.46]), Some([4, 2]));
-    assert_eq!(finer([0.2, 0.2], [0.21, 0.21]), Some([2, 2]));
+    assert_eq!(finer([0.2, 0.2], [0.33, 0.33]), Some([2, 2]));
+    // Three points a cell where four would be closer than 0.1 mm.
+    assert_eq!(finer([0.1, 0.1], [0.28, 0.33]), Some([2, 1]));
+    assert_eq!(finer([0.2, 0.2], [0.21, 0.21]), Some([3, 3]));
     assert_eq!(finer([0.5, 0.1], [0.46, 0.46]), None);
     assert_eq!(finer([f64::INFINITY; 2], [0.46, 0.46]), None);
 }
@@ -168,6 +171,24 @@ fn a_punch_presses_as_hard_over_the_usual_cells_as_over_ones_of_half_their_size(
     let [fine, usual, splines] = [force_n(0.21, 201), force_n(0.46, 201), force_n(0.46, 21)];
     let [with, without] = [usual, splines].map(|force_n| (force_n / fine - 1.0).abs());
     assert!(with < 4e-3 && with < 0.6 * without, "{with}, splines alone {without}");
+}
+
+#[test]
+fn a_cone_presses_alike_wherever_it_stands_on_cells_and_points() {
+    // Touched along less than three cells; splines scatter by 4 %.
+    let spec = IndenterSpec {
+        description: String::new(),
+        edge_round_mm: 0.3,
+        height_mm: 8.0,
+        shape: Shape::Cone { tip_diameter_mm: 1.0, half_angle_deg: 19.29 },
+    };
+    let cone = indenter::from_spec("cone", &spec, None).expect("a body");
+    let force_n = |n: usize| {
+        let mut solver = press(&cone, Some(0.46));
+        solver.capture(n, n).expect("a lattice").forces.normal_force_n
+    };
+    let [points, closer] = [201, 801].map(force_n);
+    assert!((points / closer - 1.0).abs() < 5e-3, "{points} N, of points four times as close {closer} N");
 }
 
 #[test]
