@@ -67,13 +67,13 @@ pub fn follow(
 ) -> Result<(), Error> {
     let finest = levels.len() - 1;
     let start = *levels[finest].level.pose();
-    let parts = levels[finest].level.increments(&start, pose);
+    let parts = levels[finest].level.increments(indenter, pose);
     // A press over an unstable pad ends on one side or the other as rounding decides; a drag sticks and slips.
     let presses = Pose { z_mm: start.z_mm, ..*pose } == start && patience.bold.is_finite();
     let (mut done, mut stride, mut restarts) = (0.0, 1.0 / parts, 0);
     let begun = levels[finest].level.newton.passes;
     let within_work = parts * patience.work / levels[finest].level.grid().points() as f64;
-    let most_passes = f64::min(parts * patience.passes, within_work);
+    let mut most_passes = f64::min(parts * patience.passes, within_work);
     let mut last;
     while done < 1.0 {
         levels[finest].level.newton.interrupt.check()?;
@@ -99,6 +99,14 @@ pub fn follow(
         }
         let passes = (levels[finest].level.newton.passes - begun) as f64;
         if done < 1.0 && (hopeless || passes > most_passes) {
+            // What sticks too hard to be followed tears, where it is dragged; a guess is left behind instead.
+            let drags = !presses && patience.bold.is_finite();
+            if drags && levels[finest].level.tear(indenter) {
+                levels[..finest].iter_mut().for_each(|step| _ = step.level.tear(indenter));
+                stride = 1.0 / parts;
+                most_passes = passes + f64::min(parts * patience.passes, within_work);
+                continue;
+            }
             return Err(Error::NotConverged {
                 pose: start.lerp(pose, next),
                 residual: last.map_or(0.0, |o| o.residual),

@@ -13,16 +13,15 @@
 //! solve and never inside it; and a point that is deep in the indenter is pushed out by one plane for a whole
 //! solve ([`side`]), because the nearest side of a body changes from place to place by a jump.
 //!
-//! Infinite friction has a strength, too: beyond [`STICK_STRENGTH`] shear moduli of traction a point slips.
-//! A neo-Hookean face sheared much further folds ahead of the contact (Biot's surface instability), finer than
-//! the grid can follow. Short slides do not notice; long ones drag at this traction instead of more.
+//! What sticks holds for a while ([`Contacts::tear`]). A neo-Hookean face that is sheared ever further folds ahead of the contact
+//! (Biot's surface instability), finer than any grid can follow, and where it holds goes by rounding. So a contact that has been
+//! dragged far tears loose, and then slides as rubber does.
 
 mod friction;
 mod patch;
 mod reach;
 mod side;
 
-pub use self::friction::STICK_STRENGTH;
 use self::friction::{Anchor, FrictionLaw, SLIP_SOFTNESS, STICK_SOFTNESS};
 pub use self::patch::Loads;
 use self::reach::{Lattice, Window};
@@ -143,7 +142,7 @@ impl Contacts {
         per_axis: usize,
         stiffness: f64,
         friction: Friction,
-        strength: f64,
+        shear_modulus_mpa: f64,
     ) -> Self {
         let lattice = Lattice::new(grid, chart, per_axis);
         let top = grid.layers() - 1;
@@ -156,7 +155,7 @@ impl Contacts {
             stiffness,
             tangential: stiffness
                 * if friction == Friction::Infinite { STICK_SOFTNESS } else { SLIP_SOFTNESS },
-            law: FrictionLaw { friction, strength },
+            law: FrictionLaw::new(friction, shear_modulus_mpa),
             bilateral: false,
             latest: 0.0,
             plane: grid.plane(),

@@ -220,7 +220,6 @@ impl Sample {
 
 #[cfg(test)]
 mod tests {
-    use super::super::STICK_STRENGTH;
     use super::*;
     use crate::elastomer::Friction;
     use crate::indenter::spec::{Plan, Shape};
@@ -254,7 +253,7 @@ mod tests {
         {
             for moved in [DVec3::ZERO, DVec3::new(0.8, -0.3, -0.5), DVec3::new(-2.5, 1.1, 0.1)] {
                 let pose = Pose::new(x, y, -0.5, theta);
-                let mut contacts = Contacts::new(&grid, None, 2, 1.0, Friction::Infinite, STICK_STRENGTH);
+                let mut contacts = Contacts::new(&grid, None, 2, 1.0, Friction::Infinite, 0.05);
                 let mut u = vec![0.0; grid.field_len()];
                 for (face, moved) in contacts.face.iter().zip(moved.to_array()) {
                     u[*face..face + grid.plane()].fill(moved as f32);
@@ -281,7 +280,7 @@ mod tests {
         };
         let ball = from_spec("ball", &spec, None).unwrap();
         let grid = Grid::new([20.0, 14.0, 4.0], 0.9, 1.0, 1.3);
-        let mut contacts = Contacts::new(&grid, None, 2, 1.0, Friction::Infinite, STICK_STRENGTH);
+        let mut contacts = Contacts::new(&grid, None, 2, 1.0, Friction::Infinite, 0.05);
         let u = vec![0.0; grid.field_len()];
         let [here, there] = [Pose::new(-3.0, 0.0, -0.5, 0.0), Pose::new(4.0, 1.0, -0.5, 0.0)];
         contacts.reach(ball.as_ref(), &here, &u);

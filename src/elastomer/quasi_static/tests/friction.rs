@@ -2,6 +2,7 @@
 //! millimetres thick and nearly incompressible, so that pressure and traction hardly disturb each other.
 
 use super::*;
+use crate::elastomer::Surface;
 use crate::elastomer::quasi_static::contact::Contacts;
 
 const RADIUS_MM: f64 = 4.0;
@@ -91,14 +92,66 @@ fn a_drag_is_as_hard_in_long_increments_as_in_short_ones() {
     assert!((long / short - 1.0).abs() < 0.01, "{long} N against {short} N");
 }
 
+/// The indenter of a radius, pressed by a depth and slid along x in quarters of a millimetre: shear force and face after each.
+fn dragged(radius_mm: f64, depth_mm: f64, quarters: i32) -> Vec<(f64, Surface)> {
+    let sphere = Arc::new(Sphere(radius_mm));
+    let settings = Settings { tolerance: 0.01, ..settings(Friction::Infinite) };
+    let start = Pose::new(0.0, 0.0, 0.1, 0.0);
+    let mut s = QuasiStaticSolver::new(&pad(Law::NeoHookean), &settings, sphere, &start).expect("in range");
+    s.advance(&Pose::new(0.0, 0.0, -depth_mm, 0.0)).expect("an easy press");
+    let towards = quarters.signum();
+    let drag = |k: i32| {
+        s.advance(&Pose::new(0.25 * f64::from(towards * k), 0.0, -depth_mm, 0.0)).expect("a slide");
+        let capture = s.capture(81, 81).expect("a lattice");
+        (capture.forces.shear_force_n[0], capture.surface)
+    };
+    (1..=quarters.abs()).map(drag).collect()
+}
+
+#[test]
+fn what_sticks_drags_as_where_all_that_is_pressed_holds() {
+    // Drags over cells of 0.2 mm, no point of which lets go before nothing presses it: at 0.25, 0.5, 0.75 and 1 mm.
+    let all_hold =
+        [(3.0, 0.5, [0.1067, 0.2105, 0.3103, 0.3861]), (4.0, 1.0, [0.2026, 0.4028, 0.6005, 0.7884])];
+    for (radius_mm, depth_mm, expected) in all_hold {
+        for ((force, _), expected) in dragged(radius_mm, depth_mm, 4).iter().zip(expected) {
+            assert!(
+                (-force / expected - 1.0).abs() < 0.03,
+                "{radius_mm}, {depth_mm}: {force} of {expected} N"
+            );
+        }
+    }
+}
+
+#[test]
+fn what_is_dragged_far_tears_loose_and_slides_evenly_to_either_side() {
+    let ways = [20, -20].map(|quarters| dragged(3.0, 0.5, quarters));
+    let mut late = Vec::new();
+    for way in &ways {
+        for (k, (force, face)) in way.iter().enumerate().skip(8) {
+            late.push(force.abs());
+            // The face has not folded: it is the same on both sides of the way, and nothing is beneath the tip.
+            for j in 0..face.ny {
+                for i in 0..face.nx {
+                    let [here, there] = [j, face.ny - 1 - j].map(|j| face.positions[j * face.nx + i].z);
+                    assert!((here - there).abs() < 0.02 && here > -0.51, "{k}: {here} and {there} mm");
+                }
+            }
+        }
+    }
+    let [least, most] =
+        [late.iter().copied().fold(f64::INFINITY, f64::min), late.iter().copied().fold(0.0, f64::max)];
+    assert!(least > 0.9 * most, "{least} to {most} N");
+}
+
 #[test]
 fn during_a_solve_no_point_jumps_from_one_side_of_the_indenter_to_another() {
     // Brought down 0.5 mm in one stroke, points near the wall of a punch are nearer to the wall than to the sole that
     // they met. Shifted across the place where both are as near, their force must not jump.
     let grid = Grid::new([8.0, 8.0, 2.0], 0.5, 1.0, 1.4);
     let punch = Punch(1.0, 0.1);
-    let (stiffness, strength) = (2.0, 0.1);
-    let mut contacts = Contacts::new(&grid, None, 2, stiffness, Friction::Infinite, strength);
+    let (stiffness, shear_modulus_mpa) = (2.0, 0.05);
+    let mut contacts = Contacts::new(&grid, None, 2, stiffness, Friction::Infinite, shear_modulus_mpa);
     let mut u = vec![0.0; grid.field_len()];
     let (above, below) = (Pose::new(0.0, 0.0, 0.0, 0.0), Pose::new(0.0, 0.0, -0.5, 0.0));
     contacts.begin_increment(&punch, &above, &below, &u);
