@@ -67,6 +67,19 @@ fn shipped_sensors_are_rendered_by_the_fast_mode_and_meet_the_tolerance() {
     }
 }
 
+/// A coarser mesh would take some points and leave others out: a sharp rim that runs aslant turns into beads.
+#[test]
+fn shipped_meshes_are_as_fine_as_the_face_that_the_elastomer_gives() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors");
+    let points = elastomer::Settings::default().surface;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let file: SensorFile = toml::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        let vertices = file.optics.mesh_vertices([file.pad.size_x_mm, file.pad.size_y_mm]);
+        assert!(vertices[0] >= points[0] && vertices[1] >= points[1], "{}: {vertices:?}", path.display());
+    }
+}
+
 #[test]
 fn a_typo_and_a_light_outside_are_told_with_their_keys() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors/gelsight.toml");

@@ -37,15 +37,16 @@ impl Texture {
     }
 
     /// The value at (u, v), bilinear between texel centres.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, uv: Vec2) -> Vec3 {
         let x = (uv.x * self.width as f32 - 0.5).clamp(0.0, (self.width - 1) as f32);
         let y = (uv.y * self.height as f32 - 0.5).clamp(0.0, (self.height - 1) as f32);
         let (i, j) = (x as usize, y as usize);
         let (fx, fy) = (x - i as f32, y - j as f32);
         let (i1, j1) = ((i + 1).min(self.width - 1), (j + 1).min(self.height - 1));
-        let row = |j: usize| self.texels[j * self.width + i].lerp(self.texels[j * self.width + i1], fx);
-        row(j).lerp(row(j1), fy)
+        let [upper, lower] = [j, j1].map(|j| &self.texels[j * self.width..][..self.width]);
+        let [left, right] = [1.0 - fx, fx];
+        (upper[i] * left + upper[i1] * right) * (1.0 - fy) + (lower[i] * left + lower[i1] * right) * fy
     }
 
     /// The value at (u, v) by cubic splines through the texels (Catmull and Rom 1974): where a picture is moved by parts of a

@@ -37,8 +37,8 @@ pub const SENDING: usize = WIDTH;
 const STRONG: [f32; 2] = [0.01, 0.02];
 /// Up a flank the light changes by at most this part of it per mm.
 const STEEPEST: f32 = 1.0;
-/// An echo below this part of the light is none.
-const SILENT: f32 = 1e-5;
+/// An echo below this part of the light is none. (Rounding and interpolation leave up to half of it where nothing is pressed.)
+const SILENT: f32 = 3e-5;
 
 /// Means over a cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,11 +107,11 @@ pub struct Cells<'a> {
 }
 
 /// The untouched sensor's light, in a picture at a place.
-pub struct Untouched {
+pub struct Untouched<S, G> {
     /// Walls low over the face.
-    pub sky: [f32; skyline::NUMBERS],
+    pub sky: S,
     /// Irradiance of the face there.
-    pub ground: Vec3,
+    pub ground: G,
 }
 
 /// What a press changes.
@@ -167,7 +167,7 @@ impl Cells<'_> {
         })
     }
 
-    fn means(&self, untouched: &impl Fn(usize, Vec3) -> Untouched, rest: &impl Fn(Vec3) -> Vec3) -> Means {
+    fn means(&self, ground: &impl Fn(usize, Vec3) -> Vec3, rest: &impl Fn(Vec3) -> Vec3) -> Means {
         let [nx, ny] = self.size;
         let stride = nx.next_multiple_of(WIDTH) + 2 * MARGIN;
         let beside = ((BEYOND_MM / self.edge_mm).ceil() as usize).min(MARGIN);
@@ -207,7 +207,7 @@ impl Cells<'_> {
                 (out[0][at], out[1][at], out[2][at]) = light.into();
             }
             for (film, out) in means.grounds.iter_mut().enumerate() {
-                (out[0][at], out[1][at], out[2][at]) = untouched(film, p).ground.into();
+                (out[0][at], out[1][at], out[2][at]) = ground(film, p).into();
             }
             if self.echo.is_none() {
                 continue;
@@ -313,17 +313,20 @@ impl Cells<'_> {
     /// What a cell sees is found once for all pictures.
     pub fn changes(
         &self,
-        untouched: impl Fn(usize, Vec3) -> Untouched + Sync,
+        untouched: Untouched<
+            impl Fn(usize, Vec3) -> [f32; skyline::NUMBERS] + Sync,
+            impl Fn(usize, Vec3) -> Vec3,
+        >,
         rest: impl Fn(Vec3) -> Vec3 + Sync,
     ) -> Changes {
         let ([nx, _], films, numbers) = (self.size, self.lights.len(), self.numbers());
-        let mut means = self.means(&untouched, &rest);
+        let mut means = self.means(&untouched.ground, &rest);
         let mut gains = vec![Vec3::ONE; self.cells.len() * numbers];
         if self.flanks.contains(&true) {
             gains.par_chunks_mut(nx * numbers).enumerate().for_each(|(j, out)| {
                 if self.flanks[j * nx..][..nx].contains(&true) {
-                    let (cells, means, untouched) = (self, &means, &untouched);
-                    Row { cells, means, untouched, j, out, pass: Pass::Flanks }.work();
+                    let (cells, means, sky) = (self, &means, &untouched.sky);
+                    Row { cells, means, sky, j, out, pass: Pass::Flanks }.work();
                 }
             });
             self.relight(&mut means, &gains, |k| self.flanks[k]);
@@ -340,8 +343,8 @@ impl Cells<'_> {
                 .enumerate()
                 .for_each(|(k, (out, sent))| {
                     for (j, out) in out.chunks_mut(nx * numbers).enumerate() {
-                        let (cells, untouched, pass) = (self, &untouched, Pass::All { sent });
-                        Row { cells, means, untouched, j: self.sending * k + j, out, pass }.work();
+                        let (cells, sky, pass) = (self, &untouched.sky, Pass::All { sent });
+                        Row { cells, means, sky, j: self.sending * k + j, out, pass }.work();
                     }
                 });
         };
@@ -356,18 +359,12 @@ impl Cells<'_> {
         let of_film =
             |film: usize| gains.chunks_exact(nx).skip(film).step_by(numbers).flatten().copied().collect();
         let mut gains: Vec<Vec<Vec3>> = (0..films).map(of_film).collect();
-        let mut echoed = 0.0;
-        if let Some(echo) = self.echo {
-            for (film, gains) in gains.iter_mut().enumerate() {
-                let of_film = |of: &[Vec3]| of[film * echo::DIRECTIONS..][..echo::DIRECTIONS].to_vec();
-                let sent: Vec<Vec3> = sent.chunks_exact(films * echo::DIRECTIONS).flat_map(of_film).collect();
-                echoed += {
-                    let lost = self.lost.get(film).map_or(&[][..], |lost| lost);
-                    self.echo(&means, film, &echo.answer(&sent, lost), gains)
-                };
-            }
-        }
-        Changes { gains, echoed }
+        let Some(echo) = self.echo else { return Changes { gains, echoed: 0.0 } };
+        let answers = echo.answers(&echo.reached(&sent, self.lost, films));
+        let echoes = gains.par_iter_mut().zip(&answers).enumerate();
+        let echoes = echoes.map(|(film, (gains, answer))| self.echo(&means, film, answer, gains));
+        let echoes: Vec<f64> = echoes.collect();
+        Changes { gains, echoed: echoes.iter().sum() }
     }
 
     /// Adds what walls give back to the gains of a picture; the mean square of what it is.

@@ -222,7 +222,6 @@ impl Desk<'_> {
         let frame = self.frame;
         let once = frame.once;
         let films = self.sums.len();
-        let rows = self.out.len() / (self.width * films);
         let middle = Vec2::new(x as f32, y as f32);
         let mut pieces = std::mem::take(&mut self.pieces);
         if !cut(frame.vertices, frame.nx, middle, [i0, i1, j0, j1], &mut pieces) {
@@ -331,7 +330,7 @@ impl Desk<'_> {
         *self.spread += SAMPLED_ERROR * f64::from(variance.element_sum().max(0.0));
         for (film, light) in light.iter().enumerate() {
             let veil = once.veil(film, films, x, y);
-            self.out[(film * rows + y - self.first) * self.width + x] =
+            self.out[film][(y - self.first) * self.width + x] =
                 *light / whole * once.transmitted(x, y) + veil;
         }
     }

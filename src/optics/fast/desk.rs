@@ -11,7 +11,7 @@ use super::shade::Block;
 use super::slots::POSITION;
 use super::source::{COARSE, LINES};
 use super::tilt::Parts;
-use crate::optics::Albedo;
+use crate::optics::{Albedo, Texture};
 use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
@@ -32,7 +32,8 @@ pub struct Row<'a> {
     pub nodes: &'a [f32],
     pub row: usize,
     pub cell_px: usize,
-    pub out: &'a mut [Vec3],
+    /// By picture.
+    pub out: Vec<&'a mut [Vec3]>,
     pub cells: &'a mut [Cell],
     pub light: &'a mut [Vec3],
     pub spread: &'a mut f64,
@@ -53,7 +54,8 @@ pub struct Desk<'a> {
     pub stride: usize,
     pub points: [Vec<f32>; 3],
     pub uvs: Vec<Vec2>,
-    pub out: &'a mut [Vec3],
+    /// By picture.
+    pub out: Vec<&'a mut [Vec3]>,
     pub sums: Vec<Vectors>,
     /// Nodes of a block that is being divided, and its parts that wait.
     pub arena: Vec<f32>,
@@ -470,14 +472,13 @@ impl Desk<'_> {
     /// Writes the light on pixels.
     #[inline(always)]
     fn put(&mut self, lanes: Lanes) {
-        let rows = self.out.len() / (self.width * self.sums.len());
         for i in 0..lanes.count {
             let (x, y) = lanes.pixel(i);
             let albedo = self.albedo(x, y) * (FRAC_1_PI * self.frame.once.transmitted(x, y));
             for (film, sum) in self.sums.iter().enumerate() {
                 let light = Vec3::new(sum.x.0[i], sum.y.0[i], sum.z.0[i]);
                 let veil = self.frame.once.veil(film, self.sums.len(), x, y);
-                self.out[(film * rows + y - self.first) * self.width + x] = albedo * light + veil;
+                self.out[film][(y - self.first) * self.width + x] = albedo * light + veil;
             }
         }
     }
@@ -491,22 +492,31 @@ impl Desk<'_> {
                 let k = self.at(x, y);
                 let (a, b) = (self.uvs[k], self.uvs[k + 1]);
                 let (c, d) = (self.uvs[k + self.stride], self.uvs[k + self.stride + 1]);
-                let mean = |n: usize| {
-                    let mut sum = Vec3::ZERO;
-                    for k in 0..n * n {
-                        let (s, t) = ((k % n) as f32 + 0.5, (k / n) as f32 + 0.5);
-                        let (s, t) = (s / n as f32, t / n as f32);
-                        sum += texture.sample(a.lerp(b, s).lerp(c.lerp(d, s), t));
-                    }
-                    sum / (n * n) as f32
-                };
                 // As many samples as the pixel covers texels, at least 2 x 2.
                 let size = Vec2::new(texture.width as f32, texture.height as f32);
                 let spread = ((d - a) * size).abs().max((c - b) * size).max_element();
-                if spread < 2.5 { mean(2) } else { mean((spread.ceil() as usize).clamp(3, 16)) }
+                if spread < 2.5 {
+                    mean(texture, [a, b, c, d], 2)
+                } else {
+                    mean(texture, [a, b, c, d], (spread.ceil() as usize).clamp(3, 16))
+                }
             }
         }
     }
+}
+
+/// Mean of n x n samples of a texture between the coordinates of a pixel's corners. (A function, not a closure: only that is
+/// inlined into what has wide instructions switched on.)
+#[inline(always)]
+fn mean(texture: &Texture, [a, b, c, d]: [Vec2; 4], n: usize) -> Vec3 {
+    let mut sum = Vec3::ZERO;
+    for j in 0..n {
+        for i in 0..n {
+            let [s, t] = [i, j].map(|k| (k as f32 + 0.5) / n as f32);
+            sum += texture.sample(a.lerp(b, s).lerp(c.lerp(d, s), t));
+        }
+    }
+    sum / (n * n) as f32
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@
 
 use super::exchange::{Exchange, Sparse};
 use super::grid::{Grid, Layout, Places};
+use super::lanes::{WIDTH, Work, with_widest};
 use super::probes::{self, NUMBERS, TERMS};
 use super::radiosity;
 use super::source::Lamp;
@@ -200,36 +201,51 @@ impl Echo {
         Some(Self { size, ends, places, response, groups, colours: exchange.colours(), low })
     }
 
-    /// The irradiance that comes back of what each cell sends in each direction (power, in units of mm^2), less what groups lose
-    /// straight from the lights.
-    pub fn answer(&self, sent: &[Vec3], lost: &[Vec3]) -> Grid<NUMBERS> {
-        let mut power = vec![Vec3::ZERO; self.groups];
-        power.iter_mut().zip(lost).for_each(|(power, lost)| *power = -*lost);
-        for (sent, ends) in sent.iter().zip(self.ends.chunks_exact(RAYS)) {
-            for end in ends.iter().filter(|end| **end != NOWHERE) {
-                power[usize::from(*end)] += *sent * (1.0 / RAYS as f32);
-            }
+    /// What reaches each group: by picture what each cell sends in each direction (power, in units of mm^2; by cell, picture and
+    /// direction), less what groups lose straight from the lights. Where rays end is read once for all pictures.
+    pub fn reached(&self, sent: &[Vec3], lost: &[Vec<Vec3>], films: usize) -> Vec<Vec<Vec3>> {
+        let mut power = vec![Vec3::ZERO; self.groups * films];
+        for (film, lost) in lost.iter().enumerate() {
+            power.iter_mut().skip(film).step_by(films).zip(lost).for_each(|(power, lost)| *power = -*lost);
         }
-        let powers: [Vec<f32>; 3] = std::array::from_fn(|c| power.iter().map(|p| p[c]).collect());
-        let of_node = TERMS * self.colours * self.groups;
-        let node = |response: &[f32]| -> [f32; NUMBERS] {
-            std::array::from_fn(|k| {
-                let row = k / 3 * self.colours + if self.colours == 1 { 0 } else { k % 3 };
-                let row = &response[row * self.groups..][..self.groups];
-                // Eight sums side by side.
-                let mut sums = [0.0f32; 8];
-                let (rows, powers) = (row.chunks_exact(8), powers[k % 3].chunks_exact(8));
-                let rest: f32 = rows.remainder().iter().zip(powers.remainder()).map(|(a, b)| a * b).sum();
-                for (row, power) in rows.zip(powers) {
-                    for lane in 0..8 {
-                        sums[lane] += row[lane] * power[lane];
+        let cells = sent.chunks_exact(films * DIRECTIONS).zip(self.ends.chunks_exact(DIRECTIONS * RAYS));
+        for (sent, ends) in cells {
+            for (direction, ends) in ends.chunks_exact(RAYS).enumerate() {
+                for end in ends.iter().filter(|end| **end != NOWHERE) {
+                    let power = &mut power[usize::from(*end) * films..][..films];
+                    for (power, sent) in power.iter_mut().zip(sent[direction..].iter().step_by(DIRECTIONS)) {
+                        *power += *sent * (1.0 / RAYS as f32);
                     }
                 }
-                sums.iter().sum::<f32>() + rest
-            })
+            }
+        }
+        (0..films).map(|film| power.iter().skip(film).step_by(films).copied().collect()).collect()
+    }
+
+    /// By picture: the irradiance that comes back of what has reached each group. The response is read once for all pictures.
+    pub fn answers(&self, reached: &[Vec<Vec3>]) -> Vec<Grid<NUMBERS>> {
+        let films = reached.len();
+        // (Of white lights all colours get the same.)
+        let grey = self.colours == 1 && reached.iter().flatten().all(|p| p.x == p.y && p.x == p.z);
+        let column = |film: usize, channel: usize| Column {
+            number: film * NUMBERS + channel,
+            power: reached[film].iter().map(|p| p[channel]).collect(),
         };
-        let values = self.response.par_chunks_exact(of_node).map(node).collect();
-        Grid::from_values(self.places.clone(), values)
+        let of_colour = |colour: usize| -> Vec<Column> {
+            let channels = if grey || self.colours == 3 { colour..colour + 1 } else { 0..3 };
+            (0..films)
+                .flat_map(|film| channels.clone().map(move |channel| (film, channel)))
+                .map(|(film, channel)| column(film, channel))
+                .collect()
+        };
+        let columns: Vec<Vec<Column>> = (0..self.colours).map(of_colour).collect();
+        let mut values = vec![[0.0; NUMBERS]; self.places.count() * films];
+        let nodes = self.response.par_chunks_exact(TERMS * self.colours * self.groups);
+        nodes.zip(values.par_chunks_exact_mut(films)).for_each(|(response, out)| {
+            with_widest(Returned { response, groups: self.groups, columns: &columns, grey, out });
+        });
+        let of_film = |film: usize| values.iter().skip(film).step_by(films).copied().collect();
+        (0..films).map(|film| Grid::from_values(self.places.clone(), of_film(film))).collect()
     }
 
     /// Whether the numbers belong together: as read from a file.
@@ -241,6 +257,74 @@ impl Echo {
             && self.low.iter().all(|low| usize::from(low.group) < self.groups)
             && self.ends.iter().all(|end| *end == NOWHERE || usize::from(*end) < self.groups)
     }
+}
+
+/// What has reached the groups in one colour of one picture.
+struct Column {
+    /// Where what comes back of it stands among the numbers of a node, picture by picture.
+    number: usize,
+    power: Vec<f32>,
+}
+
+/// What comes back at a node: its `response` times what has reached each group.
+struct Returned<'a> {
+    response: &'a [f32],
+    groups: usize,
+    /// By colour of the response.
+    columns: &'a [Vec<Column>],
+    /// Whether the first colour stands for all.
+    grey: bool,
+    /// By picture.
+    out: &'a mut [[f32; NUMBERS]],
+}
+
+impl Work for Returned<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { response, groups, columns: of_colours, grey, out } = self;
+        let numbers = out.as_flattened_mut();
+        for term in 0..TERMS {
+            for (colour, columns) in of_colours.iter().enumerate() {
+                let row = &response[(term * of_colours.len() + colour) * groups..][..groups];
+                for some in columns.chunks(ABREAST) {
+                    let powers = std::array::from_fn(|k| &some[k.min(some.len() - 1)].power[..]);
+                    let sums = products(row, powers);
+                    some.iter().zip(sums).for_each(|(column, sum)| numbers[column.number + 3 * term] = sum);
+                }
+            }
+        }
+        if grey {
+            numbers.chunks_exact_mut(3).for_each(|colours| colours.fill(colours[0]));
+        }
+    }
+}
+
+/// Products that are summed up side by side, so that none waits for its own last sum.
+const ABREAST: usize = 4;
+
+/// Scalar products of a row with others.
+#[inline(always)]
+fn products(row: &[f32], others: [&[f32]; ABREAST]) -> [f32; ABREAST] {
+    let others = others.map(|other| &other[..row.len()]);
+    let mut sums = [[0.0f32; WIDTH]; ABREAST];
+    let whole = row.len() / WIDTH * WIDTH;
+    for k in (0..whole).step_by(WIDTH) {
+        let row = &row[k..k + WIDTH];
+        for (sums, other) in sums.iter_mut().zip(others) {
+            let other = &other[k..k + WIDTH];
+            for lane in 0..WIDTH {
+                sums[lane] += row[lane] * other[lane];
+            }
+        }
+    }
+    let mut out = [0.0; ABREAST];
+    for (out, (sums, other)) in out.iter_mut().zip(sums.iter().zip(others)) {
+        let rest: f32 = row[whole..].iter().zip(&other[whole..]).map(|(a, b)| a * b).sum();
+        *out = sums.iter().sum::<f32>() + rest;
+    }
+    out
 }
 
 /// Where a ray from above meets the untouched face.
@@ -292,6 +376,43 @@ mod tests {
             for (a, b) in [(0.1, 0.2), (0.9, 0.9)] {
                 let to = towards(direction, a, b);
                 assert!((to.length() - 1.0).abs() < 1e-4 && to.z > 0.0, "{to}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_comes_back_of_several_pictures_is_that_of_each() {
+        let layout = Layout {
+            across: [Vec2::splat(-1.0), Vec2::splat(1.0)],
+            step_mm: 1.0,
+            lift_mm: LIFT_MM,
+            lift_step_mm: LIFT_MM[1],
+        };
+        let places = Places::new(&layout, |_| 0.0);
+        let number = |k: usize| ((k * 37) % 101) as f32 / 50.0 - 1.0;
+        // (More groups than go by eight.)
+        let groups = 2 * WIDTH + 3;
+        for (colours, grey, films) in
+            [(1, true, 1), (1, true, 3), (1, false, 1), (1, false, 5), (3, true, 6), (3, false, 2)]
+        {
+            let response: Vec<f32> = (0..places.count() * TERMS * colours * groups).map(number).collect();
+            let (ends, low, places) = (Vec::new(), Vec::new(), places.clone());
+            let echo = Echo { size: [0; 2], ends, places, response, groups, colours, low };
+            let power =
+                |k: usize| Vec3::from_array([0, 1, 2].map(|c| number(k + if grey { 0 } else { 1000 * c })));
+            let reached: Vec<Vec<Vec3>> =
+                (0..films).map(|film| (0..groups).map(|group| power(7 * film + group)).collect()).collect();
+            let answers = echo.answers(&reached);
+            assert_eq!(answers.len(), films);
+            for (answer, power) in answers.iter().zip(&reached) {
+                for (node, numbers) in answer.parts().1.iter().enumerate() {
+                    for (k, number) in numbers.iter().enumerate() {
+                        let row = (node * TERMS + k / 3) * colours + if colours == 1 { 0 } else { k % 3 };
+                        let row = &echo.response[row * groups..][..groups];
+                        let truth: f32 = row.iter().zip(power).map(|(a, p)| a * p[k % 3]).sum();
+                        assert!((number - truth).abs() < 1e-4, "{number} {truth}");
+                    }
+                }
             }
         }
     }

@@ -93,10 +93,7 @@ fn steepness(cells: &[Cell], rest_normal: impl Fn(Vec3) -> Vec3) -> f64 {
 }
 
 /// Rows of blocks hold one picture after the other, `block` numbers each.
-fn by_film(all: Vec<Vec3>, block: usize, films: usize) -> Vec<Vec<Vec3>> {
-    if films == 1 {
-        return vec![all];
-    }
+fn by_film(all: &[Vec3], block: usize, films: usize) -> Vec<Vec<Vec3>> {
     let mut out = vec![Vec::with_capacity(all.len() / films); films];
     for row in all.chunks(block * films) {
         for (film, part) in out.iter_mut().zip(row.chunks_exact(row.len() / films)) {
@@ -144,9 +141,15 @@ impl Frame<'_> {
         let mut spreads = vec![0.0; height.div_ceil(NODE_PX)];
         let mut splits = vec![Vec::new(); height.div_ceil(NODE_PX)];
         let mut parts_of_flanks = vec![Parts::default(); height.div_ceil(NODE_PX)];
-        let mut pixels = vec![Vec3::ZERO; width * height * films];
-        pixels
-            .par_chunks_mut(NODE_PX * width * films)
+        let mut all: Vec<Film> =
+            (0..films).map(|_| Film { width, height, pixels: vec![Vec3::ZERO; width * height] }).collect();
+        let mut rows: Vec<Vec<&mut [Vec3]>> = Vec::new();
+        rows.resize_with(spreads.len(), Vec::new);
+        for film in &mut all {
+            let chunks = film.pixels.chunks_mut(NODE_PX * width);
+            rows.iter_mut().zip(chunks).for_each(|(row, chunk)| row.push(chunk));
+        }
+        rows.into_par_iter()
             .zip(cells.par_chunks_mut(2 * in_row))
             .zip(light.par_chunks_mut(in_row * 2 * films))
             .zip(spreads.par_iter_mut().zip(&mut splits).zip(&mut parts_of_flanks))
@@ -165,9 +168,8 @@ impl Frame<'_> {
                     flanks,
                 });
             });
-        let films = by_film(pixels, NODE_PX * width, films);
-        let mut lights = by_film(light, in_row, 2 * films.len());
-        let flanks = lights.split_off(films.len());
+        let mut lights = by_film(&light, in_row, 2 * films);
+        let flanks = lights.split_off(films);
         let mut whole = Vec::with_capacity(size[0] * size[1]);
         let mut is_flank = Vec::with_capacity(size[0] * size[1]);
         for (row, both) in cells.chunks(2 * in_row).enumerate() {
@@ -186,7 +188,6 @@ impl Frame<'_> {
             }
         }
         let cells = whole;
-        let mut all: Vec<Film> = films.into_iter().map(|pixels| Film { width, height, pixels }).collect();
         let (mut bounced, mut echoed) = (0.0, 0.0);
         let mut glows: Vec<Vec<Vec3>> = Vec::new();
         if self.effort.bounce {
@@ -223,10 +224,10 @@ impl Frame<'_> {
                 _ => &self.once.tables.skylines[..],
             };
             let grounds = if lights.len() == 1 { &self.once.grounds[..1] } else { &self.once.grounds[1..] };
-            let untouched = |film: usize, p: Vec3| Untouched {
-                sky: skylines[film].at(p),
+            let untouched = Untouched {
+                sky: |film: usize, p: Vec3| skylines[film].at(p),
                 // (Under the table it holds what it has at the untouched face.)
-                ground: Vec3::from(grounds[film].at(p.with_z(f32::MIN))),
+                ground: |film: usize, p: Vec3| Vec3::from(grounds[film].at(p.with_z(f32::MIN))),
             };
             let changes = cells.changes(untouched, |p| self.once.total.rest_normal(p));
             let pressed = Pressed {

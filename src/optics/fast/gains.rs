@@ -61,14 +61,23 @@ impl Gains<'_> {
         veil: impl Fn(usize, usize) -> Vec3 + Sync,
     ) -> f64 {
         let width = film.width;
+        let columns: Vec<(usize, f32)> = (0..width).map(|x| self.across(x)).collect();
         let rows = film.pixels.par_chunks_mut(width).enumerate();
-        rows.map(|(y, row)| self.row(y, row, index, &height_mm, &veil)).sum()
+        rows.map(|(y, row)| self.row(y, row, &columns, index, &height_mm, &veil)).sum()
+    }
+
+    /// The cell before the middle of a pixel along x, and how far that is towards the next.
+    fn across(&self, x: usize) -> (usize, f32) {
+        let at = ((x as f32 + 0.5) / self.cell_px as f32 - 0.5).max(0.0);
+        let i = (at as usize).min(self.columns - 1);
+        (i, at - i as f32)
     }
 
     fn row(
         &self,
         y: usize,
         row: &mut [Vec3],
+        columns: &[(usize, f32)],
         index: usize,
         height_mm: &impl Fn(usize, usize) -> Option<f32>,
         veil: &impl Fn(usize, usize) -> Vec3,
@@ -92,18 +101,13 @@ impl Gains<'_> {
             high - low > TORN_MM || four.iter().any(|k| self.flanks[*k])
         };
         let torn: Vec<bool> = (0..nx).map(|i| torn(around(i))).collect();
-        let across = |x: usize| {
-            let at = ((x as f32 + 0.5) / self.cell_px as f32 - 0.5).max(0.0);
-            let i = (at as usize).min(nx - 1);
-            (i, at - i as f32)
-        };
         let of_kind = |x: usize, kind: Kind| {
-            let (i, s) = across(x);
+            let (i, s) = columns[x];
             self.of_kind(around(i), Vec2::new(s, t), kind)
         };
         // Flanks wait aside while the rest of the row is multiplied.
         let splits = self.splits[y / NODE_PX].iter().filter(|split| split.pixel[1] == y);
-        let splits: Vec<&Split> = splits.filter(|split| torn[across(split.pixel[0]).0]).collect();
+        let splits: Vec<&Split> = splits.filter(|split| torn[columns[split.pixel[0]].0]).collect();
         let mut levels: Vec<Option<f32>> = vec![None; if splits.is_empty() { 0 } else { row.len() }];
         for split in &splits {
             row[split.pixel[0]] -= split.flank[index];
@@ -115,7 +119,7 @@ impl Gains<'_> {
             if hidden.get(x).is_some_and(|hidden| *hidden) {
                 continue;
             }
-            let (i, s) = across(x);
+            let (i, s) = columns[x];
             let mut gain = column[i].lerp(column[(i + 1).min(nx - 1)], s);
             if torn[i] {
                 let beside_flank = levels.get(x).copied().flatten();

@@ -123,7 +123,6 @@ impl Desk<'_> {
     pub fn in_part(&mut self, x: usize, y: usize, [x0, y0, x1, y1]: Rectangle) {
         let once = self.frame.once;
         let films = self.sums.len();
-        let rows = self.out.len() / (self.width * films);
         let visible = self.frame.visible(x, y);
         self.sums.fill(Vectors::all(Vec3::ZERO));
         if let Some(Visible { at, point, normal, .. }) = visible {
@@ -161,7 +160,7 @@ impl Desk<'_> {
                 *self.spread += edge;
             }
             let veil = once.veil(film, films, x, y);
-            self.out[(film * rows + y - self.first) * self.width + x] = light * part + fixed + veil;
+            self.out[film][(y - self.first) * self.width + x] = light * part + fixed + veil;
         }
     }
 }

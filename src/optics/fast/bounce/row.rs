@@ -1,7 +1,7 @@
 //! A row of cells: from eight at once the pad's profile is followed in all directions.
 
 use super::elevation::{mean_slope, shares, weight};
-use super::{Cells, DIRECTIONS, MARGIN, MOST, Means, Untouched};
+use super::{Cells, DIRECTIONS, MARGIN, MOST, Means};
 use crate::optics::fast::echo::{self, PER_WEIGHT, RISES, SLOPES};
 use crate::optics::fast::lanes::{Eight, Mask, Vectors, WIDTH, Work, with_widest};
 use crate::optics::fast::lookout::Lookout;
@@ -47,7 +47,8 @@ const FLAT: [f32; RISES + 1] = {
 pub struct Row<'a, S> {
     pub cells: &'a Cells<'a>,
     pub means: &'a Means,
-    pub untouched: &'a S,
+    /// The untouched sensor's walls, in a picture at a place.
+    pub sky: &'a S,
     pub j: usize,
     /// Gains, picture by picture, and what changes with height.
     pub out: &'a mut [Vec3],
@@ -65,7 +66,7 @@ pub enum Pass<'a> {
 /// A row of a pad with or without flanks: what only they need costs others nothing.
 struct OfPad<'a, S, const FLANKS: bool>(Row<'a, S>);
 
-impl<S: Fn(usize, Vec3) -> Untouched, const FLANKS: bool> Work for OfPad<'_, S, FLANKS> {
+impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS], const FLANKS: bool> Work for OfPad<'_, S, FLANKS> {
     type Output = ();
 
     #[inline(always)]
@@ -77,7 +78,7 @@ impl<S: Fn(usize, Vec3) -> Untouched, const FLANKS: bool> Work for OfPad<'_, S, 
 /// By direction: the slope below which the pad is seen, and the weight of what is.
 type Horizons = [[Eight; 2]; DIRECTIONS];
 
-impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
+impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
     /// Works on the row.
     pub fn work(self) {
         match self.means.tilts.is_empty() {
@@ -455,7 +456,7 @@ impl<S: Fn(usize, Vec3) -> Untouched> Row<'_, S> {
                     continue;
                 }
                 let p = Vec3::new(self.means.places[0][k], self.means.places[1][k], self.means.heights[k]);
-                for (out, number) in numbers.iter_mut().zip((self.untouched)(film, p).sky) {
+                for (out, number) in numbers.iter_mut().zip((self.sky)(film, p)) {
                     out.0[lane] = number;
                 }
             }

@@ -93,12 +93,12 @@ fn a_step_lights_its_foot_by_its_form_factor() {
             cells.iter().map(|c| Vec3::splat(if c.position.z > 0.0 { c.area } else { 1e-3 })).collect();
         let lights = [light.clone(), light.iter().map(|l| *l * 2.0).collect()];
         let all = white([nx, ny], edge, &cells, &lights, &pad, extent);
-        let dark = |_, _| Untouched { sky: [0.0; skyline::NUMBERS], ground: Vec3::ZERO };
+        let dark = || Untouched { sky: |_, _| [0.0; skyline::NUMBERS], ground: |_, _| Vec3::ZERO };
         let rest = |_| Vec3::Z;
-        let gains = all.changes(dark, rest).gains;
+        let gains = all.changes(dark(), rest).gains;
         // (The change is told as part of the light that is there, which is bounded: brighter ground is changed less.)
         let bright = [cells.iter().map(|c| Vec3::splat(c.area)).collect()];
-        let of_bright = Cells { lights: &bright, ..all }.changes(dark, rest).gains;
+        let of_bright = Cells { lights: &bright, ..all }.changes(dark(), rest).gains;
         // An endless wall of height h at distance d fills (1 - cos(atan(h/d)))/2 of the floor's view.
         for i in [foot - 20, foot - 12, foot - 5, foot - 3, foot - 2, foot - 1] {
             let k = 40 * nx + i;
@@ -130,7 +130,7 @@ fn a_foot_sees_the_low_part_of_a_flank() {
     // The floor is brighter than the wall, whose light changes with height.
     let light = |c: &Cell| Vec3::splat(if c.position.z > 0.0 { c.area } else { 2.0 * c.area });
     let lights = [cells.iter().map(light).collect()];
-    let dark = |_, _| Untouched { sky: [0.0; skyline::NUMBERS], ground: Vec3::ZERO };
+    let dark = || Untouched { sky: |_, _| [0.0; skyline::NUMBERS], ground: |_, _| Vec3::ZERO };
     // (What is reflected once is small beside the light, so what is reflected again is nothing.)
     let albedo = 0.01;
     for by_mm in [-0.8, 0.0, 0.8] {
@@ -142,7 +142,7 @@ fn a_foot_sees_the_low_part_of_a_flank() {
         };
         let all = white([nx, ny], edge, &cells, &lights, &pad, extent);
         let all = Cells { flanks: &flanks, tilts: &tilts, albedo: Vec3::splat(albedo), ..all };
-        let gains = all.changes(dark, |_| Vec3::Z).gains;
+        let gains = all.changes(dark(), |_| Vec3::Z).gains;
         for i in [foot - 8, foot - 5, foot - 3, foot - 2, foot - 1] {
             let k = 40 * nx + i;
             let d = edge_x - cells[k].position.x;
@@ -171,8 +171,8 @@ fn a_leaning_plane_sees_nothing_of_itself() {
     let extent = [Vec2::new(0.0, -8.0), Vec2::new(10.0, 0.0)];
     let pad = heights(extent, |p| 0.9 * p.x - 0.4 * p.y);
     let all = white([nx, ny], edge, &cells, &lights, &pad, extent);
-    let dark = |_, _| Untouched { sky: [0.0; skyline::NUMBERS], ground: Vec3::ZERO };
-    for gain in &all.changes(dark, |_| Vec3::Z).gains[0] {
+    let dark = || Untouched { sky: |_, _| [0.0; skyline::NUMBERS], ground: |_, _| Vec3::ZERO };
+    for gain in &all.changes(dark(), |_| Vec3::Z).gains[0] {
         assert!((*gain - Vec3::ONE).abs().max_element() < 1e-3, "{gain}");
     }
 }
