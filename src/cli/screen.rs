@@ -7,9 +7,10 @@
 
 use crate::problem::legible;
 use console::style;
-use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressState, ProgressStyle};
 use std::io::Write;
 use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 
 /// Prints a line of the result. A closed pipe (`| head`) is no error.
 pub fn result(line: impl std::fmt::Display) {
@@ -140,12 +141,23 @@ pub fn bars() -> MultiProgress {
 
 /// One bar of a group: `label [####    ] 12/48  0:31 left  what`.
 pub fn bar(group: &MultiProgress, label: &'static str, length: u64) -> ProgressBar {
-    let template = "{prefix:>10} [{bar:30}] {pos:>4}/{len}  {elapsed} elapsed, {eta} left  {wide_msg}";
-    let style =
-        ProgressStyle::with_template(template).expect("the template is a constant").progress_chars("=> ");
+    let template = "{prefix:>10} [{bar:30}] {pos:>4}/{len}  {elapsed} elapsed, {rest} left  {wide_msg}";
+    let rest = |state: &ProgressState, out: &mut dyn std::fmt::Write| {
+        let left = left(state.elapsed(), state.pos(), state.len().unwrap_or_default());
+        _ = write!(out, "{:#}", HumanDuration(left));
+    };
+    let style = ProgressStyle::with_template(template)
+        .expect("the template is a constant")
+        .with_key("rest", rest)
+        .progress_chars("=> ");
     let bar = group.add(ProgressBar::new(length)).with_style(style).with_prefix(label);
-    bar.enable_steady_tick(std::time::Duration::from_millis(250));
+    bar.enable_steady_tick(Duration::from_millis(250));
     bar
+}
+
+/// Time left were what is left as quick as what is done. (Of the last pieces' pace, now quick, now slow, one hears of weeks.)
+fn left(elapsed: Duration, done: u64, all: u64) -> Duration {
+    elapsed.mul_f64(all.saturating_sub(done) as f64 / done.max(1) as f64)
 }
 
 /// Where bars stand, in one line: `real 12/48, 31 s left; simulated 8/48, 2 min left`.
@@ -153,7 +165,7 @@ pub fn progress_line(bars: &[&ProgressBar]) -> String {
     let one = |bar: &&ProgressBar| {
         let (done, all) = (bar.position(), bar.length().unwrap_or_default());
         let left = if (1..all).contains(&done) {
-            format!(", {} left", HumanDuration(bar.eta()))
+            format!(", {} left", HumanDuration(left(bar.elapsed(), done, all)))
         } else {
             String::new()
         };

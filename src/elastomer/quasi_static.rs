@@ -67,7 +67,7 @@ use wakeful::wakeful;
 /// What the tolerance asks for in general ([`Resolution::for_tolerance`]) is tried first. Where an answer states a
 /// much larger error than was asked for, or none is found, the way since the pad was last at rest is followed again with
 /// finer cells, as often as that promises to help. Once at rest, the pad is as coarse as it began, and so it is where a
-/// drag begins from a press that was of use with coarse cells: over fine ones what sticks takes minutes a millimetre.
+/// drag begins from a press that was of use with coarse cells: over fine ones a millimetre takes ten seconds.
 /// The answer of a waypoint depends on the way to it alone.
 #[derive(Debug)]
 pub struct QuasiStaticSolver {

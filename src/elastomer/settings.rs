@@ -44,7 +44,7 @@ const EXPLICIT: &[Mode] = &[Mode::Impm, Mode::Mpm];
 /// Friction between indenter and pad: a coefficient, or the word `"infinite"`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Friction {
-    /// What touches never slides.
+    /// What touches holds; in quasi-static mode until it has been dragged by twice its depth (at least 1 mm) and tears loose.
     Infinite,
     /// Coulomb's coefficient; 0 is frictionless.
     Coefficient(f64),

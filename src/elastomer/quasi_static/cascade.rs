@@ -2,7 +2,8 @@
 //!
 //! Every increment, unless a slide or a press just goes on, is solved on the coarsest grid first; what its solution changed is the
 //! guess of the next finer one, which so begins within a few hundredths of its answer. Each grid keeps its own anchors and slips. The finest
-//! alone gives the answer: a coarser one that finds no equilibrium is left behind until the pad is at rest again.
+//! alone gives the answer: a coarser one that finds no equilibrium is left behind until the pad is at rest again. Where what sticks finds
+//! none however short the increments, it tears loose, and the way is gone on with.
 
 use super::super::Error;
 use super::bridge::Bridge;
@@ -36,7 +37,7 @@ impl Step {
     }
 }
 
-/// What a way may cost before it is given up.
+/// What a way may cost before it is given up; as much again each time that what sticks tears for it, which is twice at most.
 pub struct Patience {
     /// How often an increment may be halved.
     halvings: i32,
@@ -70,17 +71,18 @@ pub fn follow(
     let parts = levels[finest].level.increments(indenter, pose);
     // A press over an unstable pad ends on one side or the other as rounding decides; a drag sticks and slips.
     let presses = Pose { z_mm: start.z_mm, ..*pose } == start && patience.bold.is_finite();
-    let (mut done, mut stride, mut restarts) = (0.0, 1.0 / parts, 0);
-    let begun = levels[finest].level.newton.passes;
+    let (mut done, mut longest, mut restarts) = (0.0, 1.0 / parts, 0);
+    let mut stride = longest;
+    let mut begun = levels[finest].level.newton.passes;
     let within_work = parts * patience.work / levels[finest].level.grid().points() as f64;
-    let mut most_passes = f64::min(parts * patience.passes, within_work);
+    let most_passes = f64::min(parts * patience.passes, within_work);
     let mut last;
     while done < 1.0 {
         levels[finest].level.newton.interrupt.check()?;
         let next = f64::min(1.0, done + stride);
         let next = if next > 1.0 - 1e-9 { 1.0 } else { next };
         let mut hopeless = false;
-        let cautious = presses || (next - done) * parts > patience.bold;
+        let cautious = presses || next - done > patience.bold * longest;
         let spent = levels[finest].level.newton.passes - begun;
         let leave = Leave { cautious, passes: (within_work as u64).saturating_sub(spent) };
         match increment(levels, indenter, &start.lerp(pose, next), leave)? {
@@ -88,23 +90,24 @@ pub fn follow(
                 levels[finest].level.check_margin(indenter)?;
                 last = levels[finest].level.outcome();
                 done = next;
-                stride = f64::min(stride * 1.5, 1.0 / parts);
+                stride = f64::min(stride * 1.5, longest);
             }
             Err(outcome) => {
                 last = Some(outcome);
                 restarts += 1;
                 stride *= 0.5;
-                hopeless = stride * parts < 0.5f64.powi(patience.halvings);
+                hopeless = stride < longest * 0.5f64.powi(patience.halvings);
             }
         }
         let passes = (levels[finest].level.newton.passes - begun) as f64;
         if done < 1.0 && (hopeless || passes > most_passes) {
             // What sticks too hard to be followed tears, where it is dragged; a guess is left behind instead.
             let drags = !presses && patience.bold.is_finite();
-            if drags && levels[finest].level.tear(indenter) {
-                levels[..finest].iter_mut().for_each(|step| _ = step.level.tear(indenter));
-                stride = 1.0 / parts;
-                most_passes = passes + f64::min(parts * patience.passes, within_work);
+            if drags && levels[finest].level.tear() {
+                levels[..finest].iter_mut().for_each(|step| _ = step.level.tear());
+                longest = (1.0 - done) / levels[finest].level.increments(indenter, pose);
+                stride = longest;
+                begun = levels[finest].level.newton.passes;
                 continue;
             }
             return Err(Error::NotConverged {

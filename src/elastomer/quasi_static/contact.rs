@@ -13,7 +13,7 @@
 //! solve and never inside it; and a point that is deep in the indenter is pushed out by one plane for a whole
 //! solve ([`side`]), because the nearest side of a body changes from place to place by a jump.
 //!
-//! What sticks holds for a while ([`Contacts::tear`]). A neo-Hookean face that is sheared ever further folds ahead of the contact
+//! What sticks holds for a while ([`Contacts::set_torn`]). A neo-Hookean face that is sheared ever further folds ahead of the contact
 //! (Biot's surface instability), finer than any grid can follow, and where it holds goes by rounding. So a contact that has been
 //! dragged far tears loose, and then slides as rubber does.
 
@@ -190,7 +190,7 @@ impl Contacts {
         self.law.friction != Friction::Coefficient(0.0)
     }
 
-    /// Whether what touches holds, however hard it is dragged.
+    /// Whether friction is infinite: what touches holds until it tears loose.
     pub fn sticks(&self) -> bool {
         self.law.friction == Friction::Infinite
     }

@@ -92,16 +92,21 @@ const SLIDE_OVER_CELL: f64 = 0.625;
 /// let go in turn. Found by experiment: a sphere of radius 4, infinite friction, 0.25 mm deep and slid 1 mm over cells of 0.31 mm,
 /// loses half of its points and a third of its drag in an increment of 0.125 mm; in shorter ones it drags as over other cells.
 const MOST_IDLE: f64 = 0.05;
-/// So far along the face, over the depth, and at least so far, mm, what sticks holds; over as much again it tears loose. Found by
-/// experiment: up to there finer cells and shorter increments drag the same; beyond, what holds goes by how they fall.
+/// So far along the face, over the depth, and at least so far, mm, what sticks holds, to and fro counted; over as much again it tears
+/// loose. Found by experiment: up to three depths finer cells and shorter increments drag the same within 5 %; beyond, what holds
+/// goes by how they fall. (The least is for presses so shallow that a usual waypoint would lie beyond.)
 const HELD_OVER_DEPTH: f64 = 2.0;
 /// See [`HELD_OVER_DEPTH`].
 const HELD_MM: f64 = 1.0;
+/// Wear with which what sticks begins to tear, and with which it is loose.
+const TEARS: [f64; 2] = [1.0, 2.0];
+/// Wear that is added where no equilibrium is found for what holds.
+const TORN_AT_ONCE: f64 = 0.5;
 /// Length of increments over the usual while it tears. Found by experiment: what springs back in one of 0.25 mm lets the tips of the
 /// moon dig into the face; in those of 0.03 to 0.125 mm it does not, and the drags agree within 2 %.
-const TEARING: f64 = 0.5;
-/// Part by which it tears where no equilibrium is found for what it holds.
-const TEAR: f64 = 0.5;
+const TEARING_INCREMENT: f64 = 0.5;
+/// Less than what rounding makes of a wear.
+const WEAR_ROUNDING: f64 = 1e-9;
 /// Largest turn in one increment, degrees.
 const LARGEST_TURN_DEG: f64 = 5.0;
 /// Smallest distance of the contact from the pad's edge, mm.
@@ -149,6 +154,8 @@ pub struct Equilibrium {
     at_rest: bool,
     /// How far the indenter has gone along the face since the pad was at rest, mm; nothing where it came straight down.
     dragged_mm: f64,
+    /// The same over how far what sticks holds, at the depths at which it went.
+    worn: f64,
     outcome: Option<Outcome>,
     /// Largest penetration at a sample point after the last solve, mm.
     penetration_mm: f64,
@@ -195,6 +202,7 @@ impl Level {
                 last: None,
                 at_rest: true,
                 dragged_mm: 0.0,
+                worn: 0.0,
                 outcome: None,
                 penetration_mm: 0.0,
                 unsettled: 0.0,
@@ -277,7 +285,7 @@ impl Level {
         at.contacts.clear();
         at.u.fill(0.0);
         (at.at_rest, at.last, at.outcome, at.pose) = (true, None, None, *pose);
-        at.dragged_mm = 0.0;
+        (at.dragged_mm, at.worn) = (0.0, 0.0);
         at.stated = OnceLock::new();
     }
 
@@ -336,10 +344,11 @@ impl Level {
         let problem = Problem { machine: &machine, indenter, pose, least_force: self.least_force };
         let way = way_between(&saved.pose, pose);
         let drags = drags(&way);
-        self.at.contacts.tear(self.torn_part(&problem, &way));
+        let worn = self.worn_after(indenter, pose, &way);
+        self.at.contacts.set_torn((worn - TEARS[0]) / (TEARS[1] - TEARS[0]));
         let strain = self.guess(&problem, &way, hint);
         match self.settle(&problem, strain, leave) {
-            Ok(outcome) if leave.cautious && drags && self.unzips(&problem, &way) => {
+            Ok(outcome) if leave.cautious && drags && self.unzips(worn) => {
                 self.at = saved;
                 Err(outcome)
             }
@@ -348,6 +357,7 @@ impl Level {
                 self.at.last = (!saved.at_rest).then_some((saved.u, way));
                 self.at.at_rest = false;
                 self.at.dragged_mm += along_face(&way);
+                self.at.worn = worn;
                 self.at.outcome = Some(outcome);
                 self.at.pose = *pose;
                 Ok(())
@@ -359,32 +369,26 @@ impl Level {
         }
     }
 
-    /// How far along the face what sticks holds with the indenter at `pose`, mm.
-    fn held_mm(&self, indenter: &dyn Indenter, pose: &Pose) -> f64 {
-        HELD_MM.max(HELD_OVER_DEPTH * self.at.contacts.depth_mm(indenter, pose))
-    }
-
-    /// How far what sticks has torn loose at the end of a way, from 0 to 1.
-    fn torn_part(&self, problem: &Problem<'_>, way: &[f64; 4]) -> f64 {
-        let dragged_mm = self.at.dragged_mm + along_face(way);
-        (dragged_mm / self.held_mm(problem.indenter, problem.pose) - 1.0).clamp(0.0, 1.0)
+    /// How worn the contact is after a way to `pose`.
+    fn worn_after(&self, indenter: &dyn Indenter, pose: &Pose, way: &[f64; 4]) -> f64 {
+        let held_mm = HELD_MM.max(HELD_OVER_DEPTH * self.at.contacts.depth_mm(indenter, pose));
+        self.at.worn + along_face(way) / held_mm
     }
 
     /// Tears loose some of what sticks and finds no equilibrium; whether there was any.
-    pub fn tear(&mut self, indenter: &dyn Indenter) -> bool {
-        let held_mm = self.held_mm(indenter, &self.at.pose);
-        let holds = self.at.contacts.sticks() && !self.at.at_rest && self.at.dragged_mm < 2.0 * held_mm;
+    pub fn tear(&mut self) -> bool {
+        let holds = self.at.contacts.sticks() && !self.at.at_rest && self.at.worn < TEARS[1] - WEAR_ROUNDING;
         if holds {
-            self.at.dragged_mm = self.at.dragged_mm.max(held_mm) + TEAR * held_mm;
+            self.at.worn = self.at.worn.max(TEARS[0]) + TORN_AT_ONCE;
         }
         holds
     }
 
-    /// Whether so much was let go and came back that what held has come apart for the increment's length alone.
-    fn unzips(&self, problem: &Problem<'_>, way: &[f64; 4]) -> bool {
+    /// Whether so much was let go and came back that what holds has come apart for the increment's length alone.
+    fn unzips(&self, worn: f64) -> bool {
         let contacts = &self.at.contacts;
-        let is_held = self.torn_part(problem, way) <= 1e-9;
-        !self.guesses && is_held && contacts.sticks() && contacts.idle_part() > MOST_IDLE
+        let holds = contacts.sticks() && worn <= TEARS[0] + WEAR_ROUNDING;
+        !self.guesses && holds && contacts.idle_part() > MOST_IDLE
     }
 
     /// How many increments a way takes: a press may be long; what moves along the face with friction goes
@@ -395,10 +399,10 @@ impl Level {
         let down = (to.z_mm - from.z_mm).abs();
         let turn = (to.theta_deg - from.theta_deg).abs();
         let longest = [LONGEST_INCREMENT_MM, LONGEST_INCREMENT_MM];
-        let (sticks, held_mm) = (self.at.contacts.sticks(), self.held_mm(indenter, to));
-        let end_mm = self.at.dragged_mm + along_face(&way_between(from, to));
-        let tears = sticks && end_mm > held_mm && self.at.dragged_mm < 2.0 * held_mm;
-        let part = if tears { TEARING } else { 1.0 };
+        let sticks = self.at.contacts.sticks();
+        let worn = self.worn_after(indenter, to, &way_between(from, to));
+        let tears = worn > TEARS[0] + WEAR_ROUNDING && self.at.worn < TEARS[1] - WEAR_ROUNDING;
+        let part = if sticks && tears { TEARING_INCREMENT } else { 1.0 };
         let slide = if sticks { SLIDE_OVER_CELL * self.grid().hx } else { LONGEST_SLIDE_MM };
         let friction = [self.increment_mm, part * slide.min(LONGEST_SLIDE_MM)];
         let [deep, far] = if self.at.contacts.has_friction() { friction } else { longest };

@@ -13,12 +13,12 @@ pub(super) const STICK_SOFTNESS: f64 = 0.3;
 /// See [`STICK_SOFTNESS`].
 pub(super) const SLIP_SOFTNESS: f64 = 0.1;
 
-/// What infinite friction holds where the contact is whole. Pads do not hold by an edge under no pressure: released one by one such
+/// What infinite friction bears where the contact is whole. Pads do not hold by an edge under no pressure: released one by one such
 /// points would unzip for hundreds of solves. Found by experiment: spheres of radius 3 and 4 (0.25 to 1 mm deep), a cone, dots, a line,
-/// a torus, slid by up to three times the depth, drag within 3 % (0.25 mm deep 5 %) of what they do over cells of 0.2 mm where all
-/// that is pressed holds; with a strength of 2 the spheres drag 10 %, the cone 38 % less.
+/// a torus, slid by up to two depths, drag within 5 % of what they do over cells of 0.2 mm with both numbers a thousand, most within
+/// 2.5 %; with a strength of 2 the spheres drag 10 %, the cone 38 % less.
 const WHOLE: Hold = Hold { coefficient: 8.0, strength: 6.0 };
-/// What it holds once torn loose: as rubber slides. Found by experiment: less than that at which the face folds ahead of moon, pacman,
+/// What it bears once torn loose: as rubber slides. Found by experiment: less than that at which the face folds ahead of moon, pacman,
 /// dotted ring, torus and spheres that are dragged by 5 mm; with a strength of 2 it does, at a pace of ten seconds a millimetre.
 const TORN: Hold = Hold { coefficient: 0.8, strength: 1.0 };
 
@@ -76,18 +76,20 @@ struct Hold {
 pub(super) struct FrictionLaw {
     pub(super) friction: Friction,
     shear_modulus_mpa: f64,
-    /// What infinite friction bears now.
+    /// How far what sticks has torn loose, and what infinite friction so bears.
+    torn: f64,
     hold: Hold,
 }
 
 impl FrictionLaw {
     /// That of a face of a shear modulus along which nothing has gone yet.
     pub(super) fn new(friction: Friction, shear_modulus_mpa: f64) -> Self {
-        Self { friction, shear_modulus_mpa, hold: WHOLE }
+        Self { friction, shear_modulus_mpa, torn: 0.0, hold: WHOLE }
     }
 
     /// Sets how far what sticks has torn loose, from 0 to 1.
-    pub(super) fn tear(&mut self, part: f64) {
+    fn set_torn(&mut self, part: f64) {
+        self.torn = part;
         let between = |whole: f64, torn: f64| whole * (torn / whole).powf(part);
         self.hold = Hold {
             coefficient: between(WHOLE.coefficient, TORN.coefficient),
@@ -118,9 +120,20 @@ pub struct Updated {
 }
 
 impl Contacts {
-    /// Sets how far what sticks has torn loose, from 0 (it holds) to 1 (it slides).
-    pub fn tear(&mut self, part: f64) {
-        self.law.tear(part);
+    /// Sets how far what sticks has torn loose, from 0 (it holds) to 1 (it slides); no point then holds more than it may.
+    pub fn set_torn(&mut self, part: f64) {
+        let (part, before) = (part.clamp(0.0, 1.0), self.law.torn);
+        if part == before || !self.sticks() {
+            return;
+        }
+        self.law.set_torn(part);
+        let tears = part > before;
+        for s in self.samples.iter_mut().filter(|_| tears) {
+            if let Some(anchor) = &mut s.anchor {
+                anchor.bound = anchor.bound.min(self.law.bound(s.pressure.max(0.0)));
+                anchor.held = anchor.held.clamp_length_max(anchor.bound);
+            }
+        }
     }
 
     /// Brings multipliers, anchors and friction bounds up to date after a round (counted from 1) at `pose`.

@@ -92,29 +92,43 @@ fn a_drag_is_as_hard_in_long_increments_as_in_short_ones() {
     assert!((long / short - 1.0).abs() < 0.01, "{long} N against {short} N");
 }
 
-/// The indenter of a radius, pressed by a depth and slid along x in quarters of a millimetre: shear force and face after each.
-fn dragged(radius_mm: f64, depth_mm: f64, quarters: i32) -> Vec<(f64, Surface)> {
+/// A sphere that sticks, pressed by a depth.
+fn stuck(radius_mm: f64, depth_mm: f64) -> QuasiStaticSolver {
     let sphere = Arc::new(Sphere(radius_mm));
     let settings = Settings { tolerance: 0.01, ..settings(Friction::Infinite) };
     let start = Pose::new(0.0, 0.0, 0.1, 0.0);
     let mut s = QuasiStaticSolver::new(&pad(Law::NeoHookean), &settings, sphere, &start).expect("in range");
     s.advance(&Pose::new(0.0, 0.0, -depth_mm, 0.0)).expect("an easy press");
+    s
+}
+
+/// The same slid along x in quarters of a millimetre: what there is after each.
+fn dragged(radius_mm: f64, depth_mm: f64, quarters: i32) -> Vec<(ContactForces, Surface)> {
+    let mut s = stuck(radius_mm, depth_mm);
     let towards = quarters.signum();
     let drag = |k: i32| {
         s.advance(&Pose::new(0.25 * f64::from(towards * k), 0.0, -depth_mm, 0.0)).expect("a slide");
         let capture = s.capture(81, 81).expect("a lattice");
-        (capture.forces.shear_force_n[0], capture.surface)
+        (capture.forces, capture.surface)
     };
     (1..=quarters.abs()).map(drag).collect()
 }
 
+/// Shear over normal force.
+fn drag_over_press(s: &mut QuasiStaticSolver) -> f64 {
+    let forces = s.capture(2, 2).expect("a lattice").forces;
+    forces.shear_force_n[0].abs() / forces.normal_force_n
+}
+
 #[test]
 fn what_sticks_drags_as_where_all_that_is_pressed_holds() {
-    // Drags over cells of 0.2 mm, no point of which lets go before nothing presses it: at 0.25, 0.5, 0.75 and 1 mm.
+    // Drags of this solver over cells of 0.2 mm with a coefficient and a strength of a thousand, so that no point lets go before
+    // nothing presses it: at 0.25, 0.5, 0.75 and 1 mm.
     let all_hold =
         [(3.0, 0.5, [0.1067, 0.2105, 0.3103, 0.3861]), (4.0, 1.0, [0.2026, 0.4028, 0.6005, 0.7884])];
     for (radius_mm, depth_mm, expected) in all_hold {
-        for ((force, _), expected) in dragged(radius_mm, depth_mm, 4).iter().zip(expected) {
+        for ((forces, _), expected) in dragged(radius_mm, depth_mm, 4).iter().zip(expected) {
+            let force = forces.shear_force_n[0];
             assert!(
                 (-force / expected - 1.0).abs() < 0.03,
                 "{radius_mm}, {depth_mm}: {force} of {expected} N"
@@ -124,12 +138,37 @@ fn what_sticks_drags_as_where_all_that_is_pressed_holds() {
 }
 
 #[test]
+fn what_finds_no_equilibrium_tears_before_its_time_and_is_whole_again_after_a_lift() {
+    let mut s = stuck(3.0, 0.5);
+    s.advance(&Pose::new(0.5, 0.0, -0.5, 0.0)).expect("a slide");
+    assert!(drag_over_press(&mut s) > 0.9, "it holds");
+    let mut fork = s.levels.iter().map(Step::fork).collect::<Vec<_>>();
+    let tear = |levels: &mut [Step]| levels.iter_mut().all(|step| step.level.tear());
+    assert!(tear(&mut s.levels) && tear(&mut s.levels) && !tear(&mut s.levels));
+    // It slides, and deeper, too.
+    for (x_mm, z_mm) in [(1.0, -0.5), (1.0, -0.8), (1.25, -0.8)] {
+        s.advance(&Pose::new(x_mm, 0.0, z_mm, 0.0)).expect("a slide");
+        assert!(drag_over_press(&mut s) < 0.9, "{x_mm} {z_mm}: {}", drag_over_press(&mut s));
+    }
+    s.advance(&Pose::new(0.0, 0.0, 0.1, 0.0)).expect("a lift");
+    s.advance(&Pose::new(0.0, 0.0, -0.5, 0.0)).expect("a press");
+    s.advance(&Pose::new(0.5, 0.0, -0.5, 0.0)).expect("a slide");
+    assert!(drag_over_press(&mut s) > 0.9, "it holds again");
+    std::mem::swap(&mut s.levels, &mut fork);
+    s.advance(&Pose::new(0.75, 0.0, -0.5, 0.0)).expect("a slide");
+    assert!(drag_over_press(&mut s) > 1.2, "what was forked before it tore holds");
+}
+
+#[test]
 fn what_is_dragged_far_tears_loose_and_slides_evenly_to_either_side() {
     let ways = [20, -20].map(|quarters| dragged(3.0, 0.5, quarters));
     let mut late = Vec::new();
     for way in &ways {
-        for (k, (force, face)) in way.iter().enumerate().skip(8) {
-            late.push(force.abs());
+        for (k, (forces, face)) in way.iter().enumerate().skip(8) {
+            let force = forces.shear_force_n[0].abs();
+            // (Along a slope and over stretched material it is a tenth above the coefficient; what holds drags 1.6 times as hard.)
+            assert!(force < 0.9 * forces.normal_force_n, "{k}: {forces:?}");
+            late.push(force);
             // The face has not folded: it is the same on both sides of the way, and nothing is beneath the tip.
             for j in 0..face.ny {
                 for i in 0..face.nx {
