@@ -26,10 +26,10 @@ const TORN: Hold = Hold { coefficient: 0.8, strength: 1.0 };
 /// gives the part at which it does. Found by experiment: a sphere of radius 4 with infinite friction, pressed
 /// 1 mm in two increments, is then within 0.5 % of the force of ten.
 const LATENESS: f64 = 1.25;
-/// Rounds of an increment in which the bounds of infinite friction follow the pressure.
+/// Rounds of an increment in which the bounds of what sticks follow the pressure.
 const BOUND_ROUNDS: u32 = 3;
-/// Rounds in which tangential multipliers are brought up to date, with infinite friction and with a coefficient: the
-/// softer springs of the latter need more.
+/// Rounds in which tangential multipliers are brought up to date, of what sticks and of what slides: the softer springs of the
+/// latter need more.
 const MULTIPLIER_ROUNDS: [u32; 2] = [3, 6];
 /// Rounds after which the side that deep points are pushed out by is chosen anew.
 const SIDE_ROUNDS: u32 = 5;
@@ -140,8 +140,8 @@ impl Contacts {
     ///
     /// What holds, what slips and how much each can bear depend on one another, and brought up to date for
     /// ever they may chase one another in circles. So tangential multipliers stand still from a round on
-    /// (what they then miss is a fraction of a micrometre of creep), and with infinite friction, whose
-    /// bounds are no physics, the bounds before them. Coulomb's bounds always follow: they contract. The planes of
+    /// (what they then miss is a fraction of a micrometre of creep), and of what sticks, whose
+    /// bounds are no physics, the bounds before them. Those of what slides always follow: they contract. The planes of
     /// what slips follow as long as the multipliers: a sphere of radius 4 in increments of 0.25 mm drags 2 to 3 % more
     /// along the planes that its points come from than in the shortest, and along those that they come to as in these.
     pub fn update(&mut self, indenter: &dyn Indenter, poses: [&Pose; 2], u: &[f32], round: u32) -> Updated {
@@ -150,8 +150,9 @@ impl Contacts {
         }
         let mut out = Updated::default();
         let tangent = self.has_friction();
-        let bounds_follow = self.law.friction != Friction::Infinite || round <= BOUND_ROUNDS;
-        let multiplier_rounds = MULTIPLIER_ROUNDS[usize::from(self.law.friction != Friction::Infinite)];
+        let slides = !self.sticks() || self.law.torn >= 1.0;
+        let bounds_follow = slides || round <= BOUND_ROUNDS;
+        let multiplier_rounds = MULTIPLIER_ROUNDS[usize::from(slides)];
         // A point that loses its pressure in an early round may be back in the next; later it lets go for good.
         let revocable = round <= multiplier_rounds;
         let (mut change, mut total) = (0.0, 0.0);
