@@ -93,7 +93,7 @@ const SLIDE_OVER_CELL: f64 = 0.625;
 /// loses half of its points and a third of its drag in an increment of 0.125 mm; in shorter ones it drags as over other cells.
 const MOST_IDLE: f64 = 0.05;
 /// So far along the face, over the depth, and at least so far, mm, what sticks holds, to and fro counted; over as much again it tears
-/// loose. Found by experiment: up to three depths finer cells and shorter increments drag the same within 5 %; beyond, what holds
+/// loose. Found by experiment: up to three depths finer cells and shorter increments drag the same within 6 %; beyond, what holds
 /// goes by how they fall. (The least is for presses so shallow that a usual waypoint would lie beyond.)
 const HELD_OVER_DEPTH: f64 = 2.0;
 /// See [`HELD_OVER_DEPTH`].
