@@ -24,6 +24,9 @@ const EDGE_SLOPE: f64 = 0.7;
 const EDGES_UP_TO_MM: f64 = 0.5;
 /// Power of the cell size with which the stated error falls (found by experiment: flat bodies with rounded edges).
 const ORDER: f64 = 1.5;
+/// Cells over the finer ones of one step, at most: what states far too much mostly states far less as soon as the relief tells (the
+/// first 0.1 mm of a sphere of radius 4 over cells of 0.63 mm: 8 %, over those of 0.42 mm 0.7 %).
+const LARGEST_STEP: f64 = 1.5;
 
 /// Resolution and stopping that meet an error relative to depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -86,13 +89,13 @@ impl Resolution {
     }
 
     /// Cells with which the error may be expected to fall from `stated` to `wanted` on a pad of `size` mm, though at
-    /// most twice as fine; nothing where this is fine enough, or would take too many.
+    /// most half as many again along each side; nothing where this is fine enough, or would take too many.
     pub fn refined(&self, size: [f64; 3], stated: f64, wanted: f64) -> Option<Self> {
         if stated <= wanted {
             return None;
         }
         let now = Grid::blocks(size[0], self.cell_mm);
-        let times = (stated / wanted).powf(1.0 / ORDER).min(2.0);
+        let times = (stated / wanted).powf(1.0 / ORDER).min(LARGEST_STEP);
         let blocks = ((now as f64 * times).ceil() as usize).max(now + 1);
         let cell_mm = size[0] / (16 * blocks) as f64;
         let cells = 16.0 * blocks as f64 * (size[1] / cell_mm);

@@ -524,6 +524,22 @@ fn a_press_that_states_too_much_is_solved_with_finer_cells_until_it_is_dragged_o
 }
 
 #[test]
+fn a_first_tenth_of_a_millimetre_to_a_coarse_tolerance_takes_no_finer_cells_than_to_the_usual_one() {
+    let first = |tolerance: f64| {
+        let settings = Settings { tolerance, ..settings(Friction::Infinite) };
+        let start = Pose::new(0.0, 0.0, 0.2, 0.0);
+        let mut s = QuasiStaticSolver::new(&pad(Law::NeoHookean), &settings, Arc::new(Sphere(4.0)), &start)
+            .expect("in range");
+        s.advance(&Pose::new(0.0, 0.0, -0.1, 0.0)).expect("an easy press");
+        let stated = s.capture(101, 101).expect("a lattice").stats.estimated_error.expect("a press");
+        assert!(stated < refinement::wanted(tolerance), "{tolerance}: {stated}");
+        s.finest().grid().nx
+    };
+    let usual = first(0.01);
+    assert!(first(0.02) <= usual, "{usual}");
+}
+
+#[test]
 fn a_press_of_no_use_with_coarse_cells_is_not_dragged_with_them() {
     let settings = Settings { tolerance: 0.1, ..settings(Friction::Infinite) };
     let start = Pose::new(0.0, 0.0, 0.5, 0.0);
