@@ -4,7 +4,7 @@
     python tests/judges/cycles_scene.py SCENE.json Ac|At|B SPP WIDTH HEIGHT OUT.npy [PICTURES [FIRST_SEED]]
 
 Writes what mitsuba_scene.py writes. Lights are emitting quads without a back, on the patch of the wall that the scene file
-puts there. Not part of any test run.
+puts there. JUDGE_EVENTS sets how often a path scatters: 1 is direct light alone. Not part of any test run.
 """
 import json
 import os
@@ -34,7 +34,7 @@ cycles.blur_glossy = 0.0
 cycles.caustics_reflective = True
 cycles.caustics_refractive = True
 # A path of n scatterings has n - 1 bounces.
-events = S['max_scattering_events']['B' if variant == 'B' else 'A']
+events = int(os.environ.get('JUDGE_EVENTS', S['max_scattering_events']['B' if variant == 'B' else 'A']))
 cycles.max_bounces = events - 1
 for kind in ('diffuse', 'glossy', 'transmission', 'transparent_max'):
     setattr(cycles, f'{kind}_bounces', events - 1)

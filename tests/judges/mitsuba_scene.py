@@ -5,7 +5,8 @@
 
 Writes PICTURES (default 1) independent pictures, linear RGB float32 (pictures, h, w, 3), row 0 on top; several tell the
 judge's own standard error (`compare.py`). The scalar variant needs nothing beside the wheel; MITSUBA_VARIANT=llvm_ad_rgb
-is several times as fast where LLVM is installed. Not part of any test run.
+is several times as fast where LLVM is installed (LLVM 15 could not select an instruction on a machine with AVX-512, LLVM 19
+could; DRJIT_LIBLLVM_PATH names one). JUDGE_EVENTS sets how often a path scatters: 1 is direct light alone. Not part of any test run.
 """
 import json
 import os
@@ -49,7 +50,7 @@ def rect(c,n,ud,su,vd,sv,emit=None):
     o={'type':'rectangle','to_world':T(M),'bsdf':grey}
     if emit: o['emitter']={'type':'area','radiance':{'type':'rgb','value':emit}}
     return o
-sc={'type':'scene','pad':mesh,'integrator':{'type':'path','max_depth':17 if variant=='B' else 9,'rr_depth':1000}}
+sc={'type':'scene','pad':mesh,'integrator':{'type':'path','max_depth':1+int(os.environ.get('JUDGE_EVENTS',16 if variant=='B' else 8)),'rr_depth':1000}}
 sc['w1']=rect([-10,0,9.75],[1,0,0],[0,1,0],15,[0,0,1],20.5); sc['w2']=rect([10,0,9.75],[-1,0,0],[0,1,0],15,[0,0,1],20.5)
 sc['w3']=rect([0,-7.5,9.75],[0,1,0],[1,0,0],20,[0,0,1],20.5); sc['w4']=rect([0,7.5,9.75],[0,-1,0],[1,0,0],20,[0,0,1],20.5)
 sc['ce']=rect([0,0,20],[0,0,-1],[1,0,0],20,[0,1,0],15)
