@@ -295,7 +295,7 @@ fn effects(settings: &Settings, clock: &Clock) -> Result<Vec<Effect>, Error> {
             let seen = reuse.or_render(pad, || {
                 let light = fast_frame(&once, &ball.scene)?;
                 let sights = Vec::new();
-                Ok::<Seen, Error>(Seen { light, estimated_error: None, sights, not_fast: None })
+                Ok::<Seen, Error>(Seen { light, basis: None, estimated_error: None, sights, not_fast: None })
             })?;
             Ok(seen.light.clone())
         },

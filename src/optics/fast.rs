@@ -48,6 +48,7 @@ mod source;
 mod suited;
 mod tables;
 mod tilt;
+mod traces;
 pub(super) mod vector;
 mod view;
 mod wall_shadow;

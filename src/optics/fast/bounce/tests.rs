@@ -29,6 +29,7 @@ fn white<'a>(
         heights,
         echo: None,
         lost: &[],
+        radiances: &[],
         again: false,
         closely: true,
     }
