@@ -84,6 +84,8 @@ pub enum Notice {
         /// Samples a pixel.
         samples: u32,
     },
+    /// No light shines.
+    Dark,
     /// Much of the image of the untouched sensor is at an end of the scale.
     BackgroundClipped {
         /// Which part of its pixels.
@@ -112,6 +114,10 @@ impl std::fmt::Display for Notice {
                 f,
                 "the picture is made in the reference mode, {samples} samples a pixel, which is slow: {why}. \
                  An optics.samples above {samples} in the rig file takes more samples, and less noise"
+            ),
+            Notice::Dark => write!(
+                f,
+                "no light of the sensor shines, so its simulated pictures are black; give one an energy and a colour above 0"
             ),
             Notice::BackgroundClipped { part, white } => write!(
                 f,
@@ -268,6 +274,9 @@ impl Imager {
                 }
             }
         };
+        if rest.lights.iter().all(|light| light.radiance == Vec3::ZERO) {
+            imager.notices.push(Notice::Dark);
+        }
         let seen = imager.seen(&rest)?.0;
         imager.untouched = seen.light.clone();
         imager.untouched_uv = seen.sights.iter().map(|s| s.map(|s| s.uv)).collect();
@@ -550,6 +559,22 @@ mod tests {
         assert!((26..30).contains(&(deepest % 48)) && (16..20).contains(&(deepest / 48)));
         assert!((touched.depth_mm[deepest] + 0.8).abs() < 0.04);
         assert_eq!(touched.depth_mm, depth_map(&sensor, &face(&sensor, &pressed())).unwrap());
+    }
+
+    #[test]
+    fn a_sensor_without_light_is_told_and_one_with_some_is_not() {
+        let rest = DisplacedSurface::flat(33, 33, [16.0, 16.0]);
+        let mut sensor = small_sensor(TextureMode::None);
+        let dark = sensor.lights.split_off(1);
+        let told = |sensor: &SensorOptics| {
+            let imager = Imager::new(sensor, FAST, None, &rest).unwrap();
+            let rgb = imager.picture(&pressed(), 0).unwrap().rgb;
+            (imager.notices().contains(&Notice::Dark), rgb.iter().all(|code| *code == 0))
+        };
+        sensor.lights.extend(dark.into_iter().map(|light| LightSpec { energy: 0.0, ..light }));
+        assert_eq!(told(&sensor), (false, false));
+        sensor.lights[0].rgb = [0.0; 3];
+        assert_eq!(told(&sensor), (true, true));
     }
 
     #[test]

@@ -92,7 +92,10 @@ impl Wear {
                 "Others may be above it, too: light_error and light_meets_tolerance are kept of each",
             ),
             // (What holds for all pictures is told once, of none of them.)
-            Notice::BackgroundClipped { .. } | Notice::FellBack { .. } | Notice::PictureFellBack { .. } => {
+            Notice::Dark
+            | Notice::BackgroundClipped { .. }
+            | Notice::FellBack { .. }
+            | Notice::PictureFellBack { .. } => {
                 (&self.told.fell_back, "Others may be, too: optics_mode and spp are kept of each")
             }
         };
