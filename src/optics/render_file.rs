@@ -53,8 +53,8 @@ pub struct Times {
     pub mode: Mode,
     /// Columns and rows.
     pub size: [usize; 2],
-    /// Samples a pixel.
-    pub samples: u32,
+    /// Samples a pixel; the fast mode has a tolerance instead.
+    pub samples: Option<u32>,
     /// Reading the scene and everything a sensor needs once.
     pub one_off_s: f64,
     /// Each frame, with every structure that a changed pad would need anew.
@@ -201,7 +201,7 @@ fn render_on_pool(
     let times = Times {
         mode: request.mode,
         size,
-        samples: request.samples,
+        samples: (request.mode == Mode::Reference).then_some(request.samples),
         one_off_s,
         per_frame_s,
         best_frame_s,
