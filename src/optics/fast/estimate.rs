@@ -236,6 +236,15 @@ mod tests {
         assert!((ONCE.with_radiances(&radiances).unwrap().lights_in_effect() - 1.0).abs() < 1e-9);
     }
 
+    /// What the help of `render --tolerance` says.
+    #[test]
+    fn however_little_is_asked_for_no_less_is_stated_than_what_work_does_not_change() {
+        let scene = scene(Variant::Ac, |_, _| 0.0);
+        let (_, stated) = Renderer::new(&ONCE, &scene, 1e-4).unwrap().basis_with_error();
+        assert!((0.002..0.003).contains(&stated.together), "{}", stated.together);
+        assert!(stated.lights.iter().all(|error| (0.004..0.005).contains(error)), "{:?}", stated.lights);
+    }
+
     #[test]
     fn bright_walls_and_profiles_are_told() {
         let stated = |change: fn(&mut Scene)| {
