@@ -15,6 +15,7 @@ use super::echo::{self, Echo};
 use super::grid::Grid;
 use super::horizon::Heights;
 use super::lanes::{Eight, Vectors, WIDTH, lanes};
+use super::packed::Packing;
 use super::probes::{self, NUMBERS};
 use super::skyline;
 use super::tilt::Tilts;
@@ -101,7 +102,9 @@ pub struct Cells<'a> {
     pub echo: Option<&'a Echo>,
     /// By picture: what groups of walls lose of the light, if anything.
     pub lost: &'a [Vec<Vec3>],
-    /// What the scene has for the pictures' lights.
+    /// How these pictures are those of lights.
+    pub packing: Packing,
+    /// What the scene has for the lights.
     pub radiances: &'a [Vec3],
     /// Whether strong light bounces again.
     pub again: bool,
@@ -362,16 +365,25 @@ impl Cells<'_> {
         let of_film =
             |film: usize| gains.chunks_exact(nx).skip(film).step_by(numbers).flatten().copied().collect();
         let mut gains: Vec<Vec<Vec3>> = (0..films).map(of_film).collect();
-        let Some(echo) = self.echo else { return Changes { gains, echoed: vec![0.0; traces::count(films)] } };
+        let lights = match self.packing {
+            Packing::Apart => films,
+            Packing::Grey(lights) => lights,
+        };
+        let Some(echo) = self.echo else {
+            return Changes { gains: self.packing.unpack(gains), echoed: vec![0.0; traces::count(lights)] };
+        };
         let answers = echo.answers(&echo.reached(&sent, self.lost, films));
         let echoes = gains.par_iter_mut().zip(&answers).enumerate();
         let echoes = echoes.map(|(film, (gains, answer))| self.echo(&means, film, answer, gains));
-        let echoes: Vec<Echoed> = echoes.collect();
+        let (means, changes): (Vec<Vec3>, Vec<Vec<Vec3>>) = echoes.map(|e| (e.mean, e.changes)).unzip();
+        let means = self.packing.unpack(means.into_iter().map(|mean| vec![mean]).collect());
+        let echoes = means.into_iter().zip(self.packing.unpack(changes));
+        let echoes: Vec<Echoed> = echoes.map(|(mean, changes)| Echoed { mean: mean[0], changes }).collect();
         let mut echoed: Vec<f64> = echoes.iter().map(Echoed::mean_square).collect();
-        if films > 1 {
+        if lights > 1 {
             echoed.push(Echoed::sum(&echoes, self.radiances).mean_square());
         }
-        Changes { gains, echoed }
+        Changes { gains: self.packing.unpack(gains), echoed }
     }
 
     /// Adds what walls give back to the gains of a picture.

@@ -12,7 +12,9 @@ use super::gains::{Gains, Picture};
 use super::glow::Pressed;
 use super::horizon::{Heights, slope_of, squeezed};
 use super::lanes::{Vectors, WIDTH, with_widest};
+use super::packed::{CHANNELS, Packing};
 use super::raster::{Sample, corners};
+use super::skyline;
 use super::slots::{POSITION, Slots};
 use super::source::{COARSE, KEPT, LINES, Line, with_means};
 use super::tilt::{Parts, Tilts};
@@ -202,7 +204,9 @@ impl Frame<'_> {
             let most_count = (cell_px * cell_px) as f32 * if cell_px >= 4 { 0.25 } else { 1.0 };
             let (eye, echo) = (camera.origin, self.once.tables.echo.as_ref());
             let extent = self.heights.extent();
-            let tilts = Tilts::of(&parts_of_flanks, in_row, lights.len());
+            let packing = self.packing(albedo, films);
+            let tilts = Tilts::of(&parts_of_flanks, in_row, lights.len()).packed(packing);
+            let packed_lights = packing.pack(&lights);
             let cells = Cells {
                 size,
                 edge_mm,
@@ -210,14 +214,15 @@ impl Frame<'_> {
                 cells: &cells,
                 flanks: &is_flank,
                 tilts: &tilts,
-                lights: &lights,
+                lights: &packed_lights,
                 most_count,
                 albedo,
                 eye,
                 extent,
                 heights: self.heights,
                 echo,
-                lost: &self.lost(lights.len()),
+                lost: &packing.pack(&self.lost(lights.len())),
+                packing,
                 radiances: &self.once.radiances,
                 again: self.effort.fine,
                 closely: !self.effort.sparse,
@@ -228,9 +233,29 @@ impl Frame<'_> {
             };
             let grounds = if lights.len() == 1 { &self.once.grounds[..1] } else { &self.once.grounds[1..] };
             let untouched = Untouched {
-                sky: |film: usize, p: Vec3| skylines[film].at(p),
+                sky: |film: usize, p: Vec3| match packing {
+                    Packing::Apart => skylines[film].at(p),
+                    Packing::Grey(lamps) => {
+                        let mut numbers = [0.0; skyline::NUMBERS];
+                        for (c, of_lamp) in
+                            skylines[..lamps].iter().skip(film * CHANNELS).take(CHANNELS).enumerate()
+                        {
+                            let of_lamp = of_lamp.at(p);
+                            numbers[c..].iter_mut().zip(&of_lamp).step_by(3).for_each(|(n, of)| *n = *of);
+                        }
+                        numbers
+                    }
+                },
                 // (Under the table it holds what it has at the untouched face.)
-                ground: |film: usize, p: Vec3| Vec3::from(grounds[film].at(p.with_z(f32::MIN))),
+                ground: |film: usize, p: Vec3| {
+                    let of = |lamp: usize| Vec3::from(grounds[lamp].at(p.with_z(f32::MIN)));
+                    match packing {
+                        Packing::Apart => of(film),
+                        Packing::Grey(_) => {
+                            Vec3::from_array([0, 1, 2].map(|c| packing.number(film, c, |lamp| of(lamp).x)))
+                        }
+                    }
+                },
             };
             let changes = cells.changes(untouched, |p| self.once.total.rest_normal(p));
             let pressed = Pressed {
@@ -339,6 +364,12 @@ impl Frame<'_> {
             sum.iter_mut().zip(of_light).for_each(|(sum, loss)| *sum += *radiance * *loss);
         }
         vec![sum]
+    }
+
+    /// Which pictures the bounce takes together.
+    fn packing(&self, albedo: Vec3, films: usize) -> Packing {
+        let is_grey = self.slots.grey && self.once.is_skyline_grey && albedo == Vec3::splat(albedo.x);
+        if films > 1 && is_grey { Packing::Grey(films) } else { Packing::Apart }
     }
 
     /// Pixels along the edge of a cell of the bounce, and by how many times that is finer than usual: between a sharp rim and

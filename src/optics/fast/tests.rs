@@ -215,6 +215,25 @@ fn the_error_of_each_picture_of_a_basis_is_stated_and_that_of_their_sum_is_the_p
 }
 
 #[test]
+fn lamps_that_are_taken_together_give_what_each_gives_apart() {
+    for height in [sphere as fn(f32, f32) -> f32, punch, |x, _| f32::from(u8::from(x > 0.5))] {
+        let scene = scene(bench_scene::Variant::Ac, height);
+        let mut once = Precomputed::new(&flat(&scene)).unwrap();
+        assert!(once.greys.is_some() && once.is_skyline_grey, "nothing in the scene has a colour");
+        let (together, stated) = Renderer::new(&once, &scene, 0.005).unwrap().basis_with_error();
+        once.is_skyline_grey = false;
+        let (apart, stated_apart) = Renderer::new(&once, &scene, 0.005).unwrap().basis_with_error();
+        for (a, b) in together.films.iter().zip(&apart.films) {
+            assert!(a.relative_rmse(b) < 1e-6, "{}", a.relative_rmse(b));
+        }
+        assert!((stated.together / stated_apart.together - 1.0).abs() < 1e-4);
+        for (a, b) in stated.lights.iter().zip(&stated_apart.lights) {
+            assert!((a / b - 1.0).abs() < 1e-4, "{a} {b}");
+        }
+    }
+}
+
+#[test]
 fn threads_change_nothing_and_sights_are_the_references() {
     let scene = scene(bench_scene::Variant::Ac, sphere);
     let renderer = Renderer::new(&ONCE, &scene, 0.005).unwrap();
