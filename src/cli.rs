@@ -33,7 +33,7 @@ mod stop;
 mod stress;
 mod verify;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use exit::Exit;
 use std::process::ExitCode;
 
@@ -75,9 +75,20 @@ enum Command {
     Replay(replay::Args),
 }
 
+/// Options take a number below 0 for a value, so that whoever checks it tells what is allowed; else it would be taken for an option
+/// that there is not.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let command = command.mut_args(|arg| match arg.get_action().takes_values() && !arg.is_positional() {
+        true => arg.allow_negative_numbers(true),
+        false => arg,
+    });
+    command.mut_subcommands(with_negative_numbers)
+}
+
 /// Parses the arguments, runs the subcommand, and turns its ending into an exit code.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = Cli::from_arg_matches(&with_negative_numbers(Cli::command()).get_matches())
+        .unwrap_or_else(|error| error.exit());
     start_logging();
     let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
         Ok(runtime) => runtime,

@@ -256,6 +256,49 @@ fn a_simulation_of_another_sensor_stays_where_it_is() {
     }
 }
 
+/// A pressed frame light by light: what is written is what relight takes.
+#[test]
+fn a_simulated_press_is_relit_without_rendering() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name).to_str().expect("a path").to_owned();
+    let out = at("sim");
+    let quick = ["--captures", "2", "--set", "elastomer.tolerance=0.1", "--set", "optics.tolerance=0.05"];
+    // What an earlier run left is not taken for this one's.
+    std::fs::create_dir_all(at("sim/basis/000003")).expect("a folder");
+    std::fs::write(at("sim/basis/000003/basis.json"), "[]").expect("a file");
+    let output =
+        run(&[&["simulate", VIRTUAL, SMALL, "--out", &out, "--surface", "--basis"][..], &quick].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert!(!std::path::Path::new(&at("sim/basis/000003")).exists());
+    let basis = at("sim/basis/000002");
+    let list = std::fs::read_to_string(at("sim/basis/000002/basis.json")).expect("a list");
+    let list: Vec<serde_json::Value> = serde_json::from_str(&list).expect("lights");
+    assert_eq!(list.len(), 4);
+    assert!(list.iter().all(|light| light["estimated_error"].as_f64().is_some_and(|e| e > 0.0)), "{list:?}");
+    let line = std::fs::read_to_string(at("sim/captures.jsonl")).expect("a line");
+    let line: serde_json::Value = serde_json::from_str(&line).expect("a capture");
+    assert!(line["light_error"].as_f64().is_some_and(|e| e > 0.0), "{line}");
+    let picture = |path: &str| {
+        let bytes = std::fs::read(path).expect("a picture");
+        twinrig::image::png::decode(&bytes).expect("a PNG").rgb
+    };
+    let relit = |lights: &[&str]| {
+        let to = at("relit.png");
+        let output = run(&[&["relight", &basis, "--out", &to][..], lights].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        picture(&to)
+    };
+    // In the sensor's own colours it is the picture, but for the camera's noise.
+    let simulated = picture(&at("sim/sim/000002.png"));
+    let apart = |a: &[u8], b: &[u8]| {
+        a.iter().zip(b).map(|(a, b)| f64::from(a.abs_diff(*b))).sum::<f64>() / a.len() as f64
+    };
+    let same = relit(&[]);
+    assert!(apart(&same, &simulated) < 3.0, "{}", apart(&same, &simulated));
+    let without = relit(&["--light", &format!("{}=0,0,0", list[0]["light"].as_str().expect("a name"))]);
+    assert!(apart(&without, &simulated) > 2.0 * apart(&same, &simulated));
+}
+
 #[test]
 fn a_dry_run_prints_the_bytes_and_touches_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -489,11 +532,18 @@ fn what_optics_cannot_do_is_refused_before_the_work() {
     let at = |name: &str| folder.path().join(name).to_str().expect("a path").to_owned();
     let (out, nowhere, file) = (at("a.npy"), at("none/a.npy"), at("file"));
     std::fs::write(&file, "").expect("a file");
-    let cases: [(&[&str], &str); 11] = [
+    let cases: [(&[&str], &str); 15] = [
         (&["render", SCENE, "--out", &out, "--tolerance", "0.01"], "--mode fast"),
         (&["render", SCENE, "--out", &out, "--mode", "fast", "--seed", "3"], "--mode reference"),
         (&["render", SCENE, "--out", &out, "--mode", "fast", "--spp", "3"], "--mode reference"),
         (&["render", SCENE, "--out", &out, "--mode", "fast", "--tolerance", "7"], "0.0001 to 0.5"),
+        (
+            &["render", SCENE, "--out", &out, "--mode", "fast", "--tolerance", "-1"],
+            "'-1' for '--tolerance <TOLERANCE>': a tolerance is from 0.0001 to 0.5",
+        ),
+        (&["render", SCENE, "--out", &out, "--spp", "-1"], "-1 is not in 1..=1000000"),
+        (&["bench", "optics", "--judge-spp", "-3"], "-3 is not in 2..=65536"),
+        (&["collect", VIRTUAL, SMALL, "--out", &out, "--speed", "-2"], "speed from 0.1 to 1000"),
         (&["render", SCENE, "--out", &out, "--size", "0x4"], "1 to 16384"),
         (&["render", SCENE, "--out", &nowhere], "cannot write"),
         (&["render", SCENE, "--out", &out, "--basis", &file], "cannot write"),

@@ -56,7 +56,7 @@ pub fn tolerance(text: &str) -> Result<f64, String> {
     let [least, most] = TOLERANCES;
     match text.parse::<f64>() {
         Ok(tolerance) if (least..=most).contains(&tolerance) => Ok(tolerance),
-        _ => Err(format!("{text:?} is no error from {least} to {most}; 0.005 asks for half a percent")),
+        _ => Err(format!("a tolerance is from {least} to {most}; 0.005 asks for half a percent")),
     }
 }
 

@@ -1,6 +1,6 @@
 //! `twinrig relight FOLDER`: other colours for a picture that was rendered light by light.
 //!
-//! The folder is what `twinrig render --basis FOLDER` wrote. Light is linear, so a picture in any colours is a sum of
+//! The folder is what `twinrig render --basis FOLDER` wrote, or `twinrig simulate --basis` of a capture. Light is linear, so a picture in any colours is a sum of
 //! those in the folder: nothing is rendered, it takes milliseconds. Lights that are not named keep the scene's colours;
 //! `--json` prints how long the sum took, apart from reading and writing.
 //!
@@ -23,10 +23,10 @@ use std::time::Instant;
 /// Change the colours of a picture rendered light by light
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  twinrig render tests/data/optics/tactile-bench-1.json --mode fast --basis /tmp/basis --out /tmp/ac.npy\n  twinrig relight /tmp/basis --light blue=0,0,0 --light red=20,4,6 --out /tmp/red.png\n  twinrig relight /tmp/basis --fit untouched.png --out /tmp/fitted.png\nTo calibrate the lights of a sensor from a picture of it untouched:\n  twinrig render rig_configs/sensors/digit.toml --mode fast --basis /tmp/digit --out /tmp/digit.png\n  twinrig relight /tmp/digit --fit untouched.png --out /tmp/fitted.png"
+    after_help = "Example:\n  twinrig render tests/data/optics/tactile-bench-1.json --mode fast --basis /tmp/basis --out /tmp/ac.npy\n  twinrig relight /tmp/basis --light blue=0,0,0 --light red=20,4,6 --out /tmp/red.png\n  twinrig relight /tmp/basis --fit untouched.png --out /tmp/fitted.png\nTo calibrate the lights of a sensor from a picture of it untouched:\n  twinrig render rig_configs/sensors/digit.toml --mode fast --basis /tmp/digit --out /tmp/digit.png\n  twinrig relight /tmp/digit --fit untouched.png --out /tmp/fitted.png\nOf a pressed sensor:\n  twinrig simulate rig_configs/virtual.toml rig_configs/plans/small.toml --out /tmp/small --basis\n  twinrig relight /tmp/small/basis/000003 --light red=0,0,0 --out /tmp/without_red.png"
 )]
 pub struct Args {
-    /// Folder that `render --basis` wrote
+    /// Folder that `render --basis` wrote, or `simulate --basis` of a capture (DIR/basis/000003)
     pub folder: PathBuf,
     /// A light's radiance as NAME=R,G,B (linear; 0,0,0 turns it off); may be given several times
     #[arg(long = "light", value_name = "NAME=R,G,B", value_parser = parse_light)]
@@ -80,7 +80,7 @@ impl Args {
     }
 
     fn relight(&self) -> Result<Relit, Error> {
-        let Contents { basis, mut radiances, camera } = basis_folder::read(&self.folder)?;
+        let Contents { basis, mut radiances, camera, .. } = basis_folder::read(&self.folder)?;
         let camera = camera.as_ref();
         for (n, (name, radiance)) in self.lights.iter().enumerate() {
             if self.lights[..n].iter().any(|(before, _)| before == name) {
@@ -254,7 +254,7 @@ mod tests {
             names: ["blue", "red"].map(str::to_owned).to_vec(),
             films: vec![film([0.1, 0.2, 0.3, 9.0]), film([0.3, 0.1, 0.0, 9.0])],
         };
-        let contents = Contents { basis, radiances: vec![Vec3::ONE; 2], camera: None };
+        let contents = Contents { basis, radiances: vec![Vec3::ONE; 2], errors: None, camera: None };
         basis_folder::write(folder.path(), &contents).unwrap();
         let args = |fit: Option<&str>, lights: &[(&str, Vec3)], out: &str| Args {
             folder: folder.path().to_owned(),

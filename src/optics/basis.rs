@@ -18,6 +18,15 @@ pub struct LightBasis {
     pub films: Vec<Film>,
 }
 
+/// relRMSE to expect of pictures that were rendered light by light.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BasisError {
+    /// By light.
+    pub lights: Vec<f64>,
+    /// Of their sum in the scene's colours.
+    pub together: f64,
+}
+
 impl LightBasis {
     /// The picture for these radiances, one a light; lights without one are off.
     pub fn combine(&self, radiances: &[Vec3]) -> Film {

@@ -1,5 +1,6 @@
 //! One picture a light in a folder: `<light>.npy`, linear RGB float32 for radiance 1, and `basis.json`, which names the
-//! lights in order with the radiances that the scene has for them. Of a sensor there is `sensor.json`, too: its camera, and
+//! lights in order with the radiances that the scene has for them and, where it is known, the relRMSE to expect of each picture.
+//! Of a sensor there is `sensor.json`, too: its camera, and
 //! the energies in its file.
 
 use super::light::is_radiance;
@@ -21,6 +22,8 @@ pub struct Contents {
     pub basis: LightBasis,
     /// The radiances that the scene has for the lights.
     pub radiances: Vec<Vec3>,
+    /// relRMSE to expect of each picture, where it is known.
+    pub errors: Option<Vec<f64>>,
     /// The camera of a sensor; a scene has none.
     pub camera: Option<SensorCamera>,
 }
@@ -32,6 +35,8 @@ struct Entry {
     light: String,
     file: String,
     radiance: [f32; 3],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    estimated_error: Option<f64>,
 }
 
 /// Writes pictures, list and camera; the folder is made.
@@ -39,14 +44,15 @@ struct Entry {
 /// # Errors
 /// When a file cannot be written.
 pub fn write(folder: &Path, contents: &Contents) -> Result<(), Error> {
-    let Contents { basis, radiances, camera } = contents;
+    let Contents { basis, radiances, errors, camera } = contents;
     std::fs::create_dir_all(folder).map_err(|e| fault("write", folder, &e))?;
     write_camera(&folder.join(SENSOR), camera.as_ref())?;
     let entry = |(k, (light, radiance)): (usize, (&String, &Vec3))| {
         // Names come from files: what may stand in a file's name stays, the number keeps them apart.
         let plain = light.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' });
         let file = format!("{k}_{}.npy", plain.collect::<String>());
-        Entry { light: light.clone(), file, radiance: radiance.to_array() }
+        let estimated_error = errors.as_ref().map(|errors| errors[k]);
+        Entry { light: light.clone(), file, radiance: radiance.to_array(), estimated_error }
     };
     let list: Vec<Entry> = basis.names.iter().zip(radiances).enumerate().map(entry).collect();
     for (entry, film) in list.iter().zip(&basis.films) {
@@ -77,6 +83,24 @@ fn read_camera(path: &Path) -> Result<Option<SensorCamera>, Error> {
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
         Err(e) => Err(fault("read", path, &e)),
     }
+}
+
+/// Removes what [`write`] wrote, and the folder if nothing else is in it.
+///
+/// # Errors
+/// When something is there and cannot be removed.
+pub fn remove(folder: &Path) -> Result<(), Error> {
+    let Ok(files) = std::fs::read_dir(folder) else { return Ok(()) };
+    for path in files.flatten().map(|file| file.path()) {
+        let is_ours = path.extension().is_some_and(|ending| ending == "npy")
+            || path.file_name().is_some_and(|name| name == LIST || name == SENSOR);
+        if is_ours {
+            std::fs::remove_file(&path).map_err(|e| fault("remove", &path, &e))?;
+        }
+    }
+    // (What is not ours stays, and its folder.)
+    let _ = std::fs::remove_dir(folder);
+    Ok(())
 }
 
 /// Reads what [`write`] wrote.
@@ -111,8 +135,9 @@ pub fn read(folder: &Path) -> Result<Contents, Error> {
         return Err(wrong("its pictures are none, or of several sizes".to_owned()));
     }
     let radiances = list.iter().map(|e| Vec3::from_array(e.radiance)).collect();
+    let errors = list.iter().map(|e| e.estimated_error).collect();
     let basis = LightBasis { names: list.into_iter().map(|e| e.light).collect(), films };
-    Ok(Contents { basis, radiances, camera: read_camera(&folder.join(SENSOR))? })
+    Ok(Contents { basis, radiances, errors, camera: read_camera(&folder.join(SENSOR))? })
 }
 
 /// A folder in which nothing was rendered light by light.
@@ -124,7 +149,8 @@ fn no_basis(folder: &Path) -> Error {
     Error::Content {
         path: folder.display().to_string(),
         reason,
-        next: "`twinrig render SCENE.json --out PICTURE --basis FOLDER`, or with a sensor for the scene, makes one",
+        next: "`twinrig render SCENE.json --out PICTURE --basis FOLDER`, or with a sensor for the scene, makes one, \
+               `twinrig simulate RIG PLAN --out DIR --basis` one for each capture",
     }
 }
 
@@ -132,7 +158,7 @@ fn wrong(path: &Path, reason: String) -> Error {
     Error::Content {
         path: path.display().to_string(),
         reason,
-        next: "write the folder anew with `twinrig render --basis`",
+        next: "write the folder anew with `twinrig render` or `simulate --basis`",
     }
 }
 
@@ -155,8 +181,8 @@ mod tests {
         let image = ImageSpec { exposure: Some(0.4), gamma: Some(1.8), ..ImageSpec::default() };
         let camera = SensorCamera { image, file_gives_exposure: true, energies: vec![100.0, 7.5] };
         // A scene's basis in the folder of a sensor's leaves no camera behind.
-        for camera in [Some(camera), None] {
-            let contents = Contents { basis: basis.clone(), radiances: radiances.clone(), camera };
+        for (camera, errors) in [(Some(camera), None), (None, Some(vec![0.004, 0.0025]))] {
+            let contents = Contents { basis: basis.clone(), radiances: radiances.clone(), errors, camera };
             write(&folder, &contents).unwrap();
             assert_eq!(read(&folder).unwrap(), contents);
         }

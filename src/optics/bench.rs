@@ -289,16 +289,19 @@ fn effects(settings: &Settings, clock: &Clock) -> Result<Vec<Effect>, Error> {
     )?);
     let reuse = Reuse::default();
     let pad = &ball.scene.surfaces[0].mesh;
+    let seen = || {
+        let seen = reuse.or_render(pad, || {
+            let light = fast_frame(&once, &ball.scene)?;
+            let sights = Vec::new();
+            Ok::<Seen, Error>(Seen { light, basis: None, estimated_error: None, sights, not_fast: None })
+        })?;
+        Ok(seen.light.clone())
+    };
+    // The last picture is there before the clock starts.
+    seen()?;
     effects.push(clock.compare(
         "a pad that has not moved since the last picture, rendered again",
-        || {
-            let seen = reuse.or_render(pad, || {
-                let light = fast_frame(&once, &ball.scene)?;
-                let sights = Vec::new();
-                Ok::<Seen, Error>(Seen { light, estimated_error: None, sights, not_fast: None })
-            })?;
-            Ok(seen.light.clone())
-        },
+        seen,
         || fast_frame(&once, &ball.scene),
         apart,
     )?);

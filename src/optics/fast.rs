@@ -33,6 +33,7 @@ mod horizon;
 mod lanes;
 mod lookout;
 mod nodes;
+mod packed;
 mod parted;
 mod plate;
 mod probes;
@@ -48,6 +49,7 @@ mod source;
 mod suited;
 mod tables;
 mod tilt;
+mod traces;
 pub(super) mod vector;
 mod view;
 mod wall_shadow;
@@ -107,6 +109,8 @@ pub struct Precomputed {
     skyline: Grid<{ skyline::NUMBERS }>,
     /// Indirect light by light in one number for three colours, where nothing in the sensor has a colour.
     greys: Option<Vec<Grid<{ probes::TERMS }>>>,
+    /// Whether walls low over the face have no colour either.
+    is_skyline_grey: bool,
     /// Irradiance of the untouched face: of all lights together, and by light.
     grounds: Vec<Grid<3>>,
     /// What of the fixed parts shows, of all lights together, by corner.
@@ -287,6 +291,7 @@ impl Precomputed {
             total: probes::total(&tables.probes, &radiances),
             skyline: probes::total(&tables.skylines, &radiances),
             greys: tables.probes.iter().map(probes::grey).collect(),
+            is_skyline_grey: tables.skylines.iter().all(skyline::is_grey),
             view,
             sources,
             radiances,

@@ -4,9 +4,12 @@
 //! `ratio` and the automatic exposure follow. Pictures of one imager share their random numbers, so the noise of
 //! the ratio vanishes where nothing moved.
 
+use super::basis::{BasisError, LightBasis};
+use super::basis_folder::Contents;
 use super::ratio::Worn;
-use super::reuse::{Reuse, Seen};
+use super::reuse::{Basis, Reuse, Seen};
 use super::sensor::{SensorOptics, TextureMode};
+use super::sensor_basis::SensorCamera;
 use super::sensor_scene::{face, not_fast, scene};
 use super::store::Store;
 use super::surface::DisplacedSurface;
@@ -81,6 +84,8 @@ pub enum Notice {
         /// Samples a pixel.
         samples: u32,
     },
+    /// No light shines.
+    Dark,
     /// Much of the image of the untouched sensor is at an end of the scale.
     BackgroundClipped {
         /// Which part of its pixels.
@@ -109,6 +114,10 @@ impl std::fmt::Display for Notice {
                 f,
                 "the picture is made in the reference mode, {samples} samples a pixel, which is slow: {why}. \
                  An optics.samples above {samples} in the rig file takes more samples, and less noise"
+            ),
+            Notice::Dark => write!(
+                f,
+                "no light of the sensor shines, so its simulated pictures are black; give one an energy and a colour above 0"
             ),
             Notice::BackgroundClipped { part, white } => write!(
                 f,
@@ -158,6 +167,8 @@ pub struct Imager {
     untouched_uv: Vec<Option<Vec2>>,
     exposure: f32,
     notices: Vec<Notice>,
+    /// Whether pictures are made of one a light.
+    is_light_by_light: bool,
     /// Pictures of pads that may not have moved since.
     reuse: Arc<Reuse>,
 }
@@ -169,6 +180,8 @@ pub struct Picture {
     pub rgb: Vec<u8>,
     /// The rendered light before image formation.
     pub light: Film,
+    /// One picture a light, of which that is the sum, where [asked for](Imager::light_by_light).
+    pub basis: Option<Contents>,
     /// Pad-frame height of what each pixel's centre sees, mm, row 0 on top; NaN where it sees no pad.
     pub depth_mm: Vec<f32>,
     /// relRMSE to expect of the light (fast mode).
@@ -237,6 +250,7 @@ impl Imager {
             untouched_uv: Vec::new(),
             exposure: 1.0,
             notices: clipped.into_iter().collect(),
+            is_light_by_light: false,
             reuse: Arc::default(),
         };
         let rest = imager.scene(&untouched.at_rest())?;
@@ -260,12 +274,23 @@ impl Imager {
                 }
             }
         };
+        if rest.lights.iter().all(|light| light.radiance == Vec3::ZERO) {
+            imager.notices.push(Notice::Dark);
+        }
         let seen = imager.seen(&rest)?.0;
         imager.untouched = seen.light.clone();
         imager.untouched_uv = seen.sights.iter().map(|s| s.map(|s| s.uv)).collect();
         let image_mean = imager.background.as_ref().map(|b| b.mean().element_sum() / 3.0);
         imager.exposure = imaging::exposure(&sensor.image, &imager.untouched, image_mean);
         Ok(imager)
+    }
+
+    /// From now on a picture is made of one a light, which it brings along: it takes up to half as long again.
+    pub fn light_by_light(mut self) -> Self {
+        self.is_light_by_light = true;
+        // What is kept was made otherwise.
+        self.reuse = Arc::default();
+        self
     }
 
     /// How light is truly rendered: after a fall back that is not what was asked for.
@@ -294,7 +319,7 @@ impl Imager {
         let (seen, made_ready) = self.seen(&scene)?;
         let made_ready = made_ready.unwrap_or_else(Instant::now);
         let build_s = made_ready.duration_since(start).as_secs_f64();
-        let Seen { light, estimated_error, sights, not_fast } = &*seen;
+        let Seen { light, basis, estimated_error, sights, not_fast } = &*seen;
         let estimated_error = *estimated_error;
         let rgb = match (&self.background, self.sensor.texture) {
             (Some(background), TextureMode::Ratio) => {
@@ -315,9 +340,20 @@ impl Imager {
             }
             (method, ..) => (method, None),
         };
+        let basis = basis.as_ref().map(|Basis { films, errors }| Contents {
+            basis: films.clone(),
+            radiances: scene.lights.iter().map(|l| l.radiance).collect(),
+            errors: errors.clone(),
+            camera: Some(self.camera()),
+        });
         let render_s = made_ready.elapsed().as_secs_f64();
         let light = light.clone();
-        Ok(Picture { rgb, light, depth_mm, estimated_error, method, notice, build_s, render_s })
+        Ok(Picture { rgb, light, basis, depth_mm, estimated_error, method, notice, build_s, render_s })
+    }
+
+    /// How the camera forms pictures of light, for whoever changes that afterwards.
+    fn camera(&self) -> SensorCamera {
+        SensorCamera::exposed(&self.sensor, self.exposure, self.untouched.width)
     }
 
     fn scene(&self, surface: &DisplacedSurface) -> Result<Scene, Error> {
@@ -331,8 +367,21 @@ impl Imager {
         let mut render = || {
             let (renderer, not_fast) = self.renderer(scene)?;
             ready = Some(Instant::now());
-            let (light, estimated_error) = renderer.render();
-            Ok(Seen { light, estimated_error, sights: renderer.sights(), not_fast })
+            let sights = renderer.sights();
+            if !self.is_light_by_light {
+                let (light, estimated_error) = renderer.render();
+                return Ok(Seen { light, basis: None, estimated_error, sights, not_fast });
+            }
+            let (films, error) = renderer.basis();
+            let radiances: Vec<Vec3> = scene.lights.iter().map(|l| l.radiance).collect();
+            let light = match films.films.is_empty() {
+                // Without a light there is nothing to add up.
+                true => Film::new(scene.camera.width, scene.camera.height),
+                false => films.combine(&radiances),
+            };
+            let estimated_error = error.as_ref().map(|error| error.together);
+            let basis = Some(Basis { films, errors: error.map(|error| error.lights) });
+            Ok(Seen { light, basis, estimated_error, sights, not_fast })
         };
         let seen = match scene.surface(Role::Pad) {
             Some(pad) => self.reuse.or_render(&pad.mesh, render)?,
@@ -345,7 +394,10 @@ impl Imager {
     /// render is no reason to lose those that come after it.
     fn renderer(&self, scene: &Scene) -> Result<(Ready<'_>, Option<String>), Error> {
         let traced = |settings: &reference::Settings| {
-            reference::Renderer::new(scene).map(|renderer| Ready::Reference(Box::new(renderer), *settings))
+            // (Paths do not depend on colours, but on which lights shine.)
+            let white = self.is_light_by_light.then(|| scene.in_white_light());
+            let renderer = reference::Renderer::new(white.as_ref().unwrap_or(scene))?;
+            Ok::<_, Error>(Ready::Reference(Box::new(renderer), *settings))
         };
         match &self.engine {
             Engine::Reference(settings) => Ok((traced(settings)?, None)),
@@ -381,6 +433,17 @@ impl Ready<'_> {
             Ready::Fast(renderer) => {
                 let (film, error) = renderer.render_with_error();
                 (film, Some(error))
+            }
+        }
+    }
+
+    /// One picture a light, with what relRMSE to expect where it is known.
+    fn basis(&self) -> (LightBasis, Option<BasisError>) {
+        match self {
+            Ready::Reference(renderer, settings) => (renderer.basis(settings), None),
+            Ready::Fast(renderer) => {
+                let (films, error) = renderer.basis_with_error();
+                (films, Some(error))
             }
         }
     }
@@ -499,6 +562,22 @@ mod tests {
     }
 
     #[test]
+    fn a_sensor_without_light_is_told_and_one_with_some_is_not() {
+        let rest = DisplacedSurface::flat(33, 33, [16.0, 16.0]);
+        let mut sensor = small_sensor(TextureMode::None);
+        let dark = sensor.lights.split_off(1);
+        let told = |sensor: &SensorOptics| {
+            let imager = Imager::new(sensor, FAST, None, &rest).unwrap();
+            let rgb = imager.picture(&pressed(), 0).unwrap().rgb;
+            (imager.notices().contains(&Notice::Dark), rgb.iter().all(|code| *code == 0))
+        };
+        sensor.lights.extend(dark.into_iter().map(|light| LightSpec { energy: 0.0, ..light }));
+        assert_eq!(told(&sensor), (false, false));
+        sensor.lights[0].rgb = [0.0; 3];
+        assert_eq!(told(&sensor), (true, true));
+    }
+
+    #[test]
     fn an_untouched_image_that_is_white_or_black_is_told() {
         let notice = |codes: [u8; 4]| {
             let rgb: Vec<u8> = codes.into_iter().flat_map(|code| [code; 3]).collect();
@@ -576,6 +655,42 @@ mod tests {
         let after = imager.picture(&pressed(), 2).unwrap();
         assert_eq!(after.method.name(), "fast");
         assert!(imager.notices().is_empty() && after.estimated_error.is_some());
+    }
+
+    #[test]
+    fn a_press_rendered_light_by_light_is_the_picture_and_other_colours_are_sums() {
+        let rest = DisplacedSurface::flat(33, 33, [16.0, 16.0]);
+        let sensor = small_sensor(TextureMode::None);
+        let traced = Method::Reference(reference::Settings { samples: 64, seed: 3 });
+        // (Of the reference mode the two have noise of their own.)
+        for (method, bound) in [(FAST, 1e-3), (traced, 0.03)] {
+            let imager = Imager::new(&sensor, method, None, &rest).unwrap();
+            let plain = imager.picture(&pressed(), 4).unwrap();
+            assert_eq!(plain.basis, None);
+            let by_light = imager.light_by_light();
+            let picture = by_light.picture(&pressed(), 4).unwrap();
+            assert!(picture.light.relative_rmse(&plain.light) < bound);
+            let basis = picture.basis.unwrap();
+            assert_eq!(basis.basis.combine(&basis.radiances), picture.light);
+            // The camera is that of the pictures, without its noise.
+            let camera = basis.camera.unwrap();
+            assert_eq!(camera.picture(&picture.light), picture.rgb);
+            let errors = (picture.estimated_error, basis.errors);
+            let Method::Fast { .. } = method else {
+                assert_eq!(errors, (None, None));
+                continue;
+            };
+            let stated = errors.1.unwrap();
+            assert!(stated.len() == sensor.lights.len() && stated.iter().all(|e| *e > 0.0), "{stated:?}");
+            let (sum, one) = (errors.0.unwrap(), plain.estimated_error.unwrap());
+            assert!((sum / one - 1.0).abs() < 0.02, "{sum} {one}");
+            // One light alone is what a sensor with that light alone has.
+            let mut alone = sensor.clone();
+            alone.lights[1..].iter_mut().for_each(|light| light.rgb = [0.0; 3]);
+            let alone = Imager::new(&alone, method, None, &rest).unwrap().picture(&pressed(), 4).unwrap();
+            let sum = basis.basis.combine(&basis.radiances[..1]);
+            assert!(sum.relative_rmse(&alone.light) < 3e-3, "{}", sum.relative_rmse(&alone.light));
+        }
     }
 
     #[test]

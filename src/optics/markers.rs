@@ -1,8 +1,11 @@
 //! What is on the pad's coating: dots printed in rows and columns, and the coat's own grain.
 
+mod dots;
+
 use super::Texture;
 use super::grain;
 use super::sensor::{MarkerSpec, SensorOptics};
+use dots::Dots;
 use glam::{DVec2, Vec3};
 
 /// Texels along the edge of a camera pixel: bilinear samples of texels this small keep a dot's edge within half a pixel.
@@ -58,23 +61,8 @@ fn cover(
     let view = DVec2::from(sensor.view_mm());
     let center = DVec2::from(sensor.camera.center_mm) - DVec2::from(markers.offset_mm);
     let step = view / DVec2::new(width as f64, height as f64);
-    let (pitch, radius) = (markers.pitch_mm, markers.diameter_mm / 2.0);
-    // How far from the middle of the nearest marker.
-    let away = move |p: DVec2| (p - (p / pitch).round() * pitch).length();
-    move |u: f64, v: f64| {
-        let middle = (DVec2::new(u, v) - 0.5) * view + center;
-        let reach = 0.5 * step.length();
-        let distance = away(middle);
-        if (distance - radius).abs() > reach {
-            return f64::from(u8::from(distance < radius));
-        }
-        let mut inside = 0;
-        for k in 0..SAMPLES * SAMPLES {
-            let at = DVec2::new((k % SAMPLES) as f64 + 0.5, (k / SAMPLES) as f64 + 0.5) / SAMPLES as f64;
-            inside += usize::from(away(middle + (at - 0.5) * step) < radius);
-        }
-        inside as f64 / (SAMPLES * SAMPLES) as f64
-    }
+    let dots = Dots::of(markers, center - 0.5 * view, center + 0.5 * view);
+    move |u: f64, v: f64| dots.cover((DVec2::new(u, v) - 0.5) * view + center, step, SAMPLES)
 }
 
 #[cfg(test)]
@@ -88,7 +76,8 @@ mod tests {
         let mut sensor: SensorOptics = toml::from_str(
             "lights = []\n[camera]\nwidth_px = 160\nheight_px = 120\nmm_per_px = 0.1\ndistance_mm = 12.0\n\
              center_mm = [0.3, -0.2]\n[coating]\nalbedo = 0.6\n[markers]\npitch_mm = 2.0\ndiameter_mm = 0.8\n\
-             albedo = 0.1\noffset_mm = [0.5, 0.25]",
+             albedo = 0.1\noffset_mm = [0.5, 0.25]\n\
+             place_rms = 0.0\nsize_rms = 0.0\nfaint_rms = 0.0",
         )
         .unwrap();
         let texture = printed(&sensor).unwrap();
@@ -128,5 +117,8 @@ mod tests {
         assert!((bare.mean().x - 0.6).abs() < 1e-3, "{}", bare.mean());
         assert!(toml::from_str::<GrainSpec>("rms = 0.01\nsize = 3").is_err());
         assert!(toml::from_str::<MarkerSpec>("pitch_mm = 2.0\ndiameter_mm = 0.8\ncolour = 3").is_err());
+        assert!(
+            toml::from_str::<MarkerSpec>("pitch_mm = 2.0\ndiameter_mm = 0.8\nplace_rms_mm = 0.1").is_err()
+        );
     }
 }

@@ -1,5 +1,6 @@
 //! Renders a scene file, or a sensor untouched, with times: what the command `render` does, without its printing.
 
+use super::basis::BasisError;
 use super::bench_scene::{self, Variant};
 use super::store::Store;
 use super::{
@@ -52,8 +53,8 @@ pub struct Times {
     pub mode: Mode,
     /// Columns and rows.
     pub size: [usize; 2],
-    /// Samples a pixel.
-    pub samples: u32,
+    /// Samples a pixel; the fast mode has a tolerance instead.
+    pub samples: Option<u32>,
     /// Reading the scene and everything a sensor needs once.
     pub one_off_s: f64,
     /// Each frame, with every structure that a changed pad would need anew.
@@ -74,10 +75,12 @@ pub struct Times {
     pub radiances: Vec<Vec3>,
     /// Whether what is needed once was there from an earlier run.
     pub prepared_before: bool,
-    /// relRMSE to expect (fast mode); of a basis none is stated.
+    /// relRMSE to expect of the picture (fast mode), with a basis of the sum of its pictures.
     pub estimated_error: Option<f64>,
     /// Whether that is within the tolerance asked for.
     pub meets_tolerance: Option<bool>,
+    /// relRMSE to expect of each picture of a basis (fast mode), by light.
+    pub basis_errors: Option<Vec<f64>>,
 }
 
 /// What was rendered.
@@ -151,9 +154,10 @@ fn render_on_pool(
     let settings = reference::Settings { samples: request.samples, seed: request.seed };
     let radiances: Vec<Vec3> = scene.lights.iter().map(|l| l.radiance).collect();
     // Paths do not depend on colours, but on which lights shine: a basis is rendered of white ones.
-    let traced = if request.basis && once.is_none() { white(&scene) } else { scene.clone() };
+    let traced = if request.basis && once.is_none() { scene.in_white_light() } else { scene.clone() };
     let (mut per_frame_s, mut best) = (Vec::new(), [f64::INFINITY; 3]);
-    let (mut picture, mut basis, mut estimated_error) = (Film::new(0, 0), None, None);
+    let (mut picture, mut basis) = (Film::new(0, 0), None);
+    let (mut estimated_error, mut basis_errors) = (None, None);
     let shorter = |best: &mut f64, start: Instant| *best = best.min(start.elapsed().as_secs_f64());
     for _ in 0..request.repeat.max(1) {
         let start = Instant::now();
@@ -173,7 +177,10 @@ fn render_on_pool(
                 shorter(&mut best[0], start);
                 let start = Instant::now();
                 match request.basis {
-                    true => basis = Some(renderer.basis()),
+                    true => {
+                        let (films, BasisError { lights, together }) = renderer.basis_with_error();
+                        (basis, estimated_error, basis_errors) = (Some(films), Some(together), Some(lights));
+                    }
                     false => {
                         let (film, error) = renderer.render_with_error();
                         (picture, estimated_error) = (film, Some(error));
@@ -194,7 +201,7 @@ fn render_on_pool(
     let times = Times {
         mode: request.mode,
         size,
-        samples: request.samples,
+        samples: (request.mode == Mode::Reference).then_some(request.samples),
         one_off_s,
         per_frame_s,
         best_frame_s,
@@ -206,15 +213,9 @@ fn render_on_pool(
         prepared_before,
         estimated_error,
         meets_tolerance: estimated_error.map(|error| error <= request.tolerance),
+        basis_errors,
     };
     Ok(Rendered { picture, basis, times })
-}
-
-/// The same scene with every light of radiance 1.
-fn white(scene: &Scene) -> Scene {
-    let mut white = scene.clone();
-    white.lights.iter_mut().for_each(|light| light.radiance = Vec3::ONE);
-    white
 }
 
 /// The scene before the press: the format's pads are flat at height 0.

@@ -5,7 +5,7 @@
 //! on those that came before it.
 
 use super::reference::Sight;
-use super::{Film, Mesh};
+use super::{Film, LightBasis, Mesh};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A picture and what it is of.
@@ -13,12 +13,23 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 pub struct Seen {
     /// The light.
     pub light: Film,
+    /// What that is the sum of, where it was rendered light by light.
+    pub basis: Option<Basis>,
     /// relRMSE to expect, where it is known.
     pub estimated_error: Option<f64>,
     /// What the centre of each pixel sees.
     pub sights: Vec<Option<Sight>>,
     /// Why the fast mode left it to the reference mode, where it did.
     pub not_fast: Option<String>,
+}
+
+/// One picture a light.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Basis {
+    /// The pictures.
+    pub films: LightBasis,
+    /// relRMSE to expect of each, where it is known.
+    pub errors: Option<Vec<f64>>,
 }
 
 /// Pictures kept by their pad: the first and the last.
@@ -74,6 +85,7 @@ mod tests {
                 let light = Film { width: 1, height: 1, pixels: vec![Vec3::splat(z)] };
                 Ok::<Seen, std::fmt::Error>(Seen {
                     light,
+                    basis: None,
                     estimated_error: None,
                     sights: Vec::new(),
                     not_fast: None,

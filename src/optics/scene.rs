@@ -62,6 +62,13 @@ impl Scene {
         self.surfaces.iter().find(|s| s.role == role)
     }
 
+    /// The same with every light of radiance 1.
+    pub fn in_white_light(&self) -> Self {
+        let mut white = self.clone();
+        white.lights.iter_mut().for_each(|light| light.radiance = Vec3::ONE);
+        white
+    }
+
     /// Whether every part can be rendered.
     ///
     /// # Errors

@@ -34,10 +34,15 @@ impl SensorCamera {
     /// linear, if there is one.
     pub fn new(sensor: &SensorOptics, untouched: &Film, image_mean: Option<f32>) -> Self {
         let exposure = imaging::exposure(&sensor.image, untouched, image_mean);
+        Self::exposed(sensor, exposure, untouched.width)
+    }
+
+    /// The camera of a sensor with a factor on radiance, on a raster of so many columns.
+    pub fn exposed(sensor: &SensorOptics, exposure: f32, columns: usize) -> Self {
         let image = ImageSpec {
             exposure: Some(f64::from(exposure)),
             // On another raster the same lens blurs as many millimetres.
-            blur_px: sensor.image.blur_px * untouched.width as f64 / sensor.camera.width_px as f64,
+            blur_px: sensor.image.blur_px * columns as f64 / sensor.camera.width_px as f64,
             full_well_electrons: None,
             read_noise: 0.0,
             ..sensor.image.clone()

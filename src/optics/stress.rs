@@ -6,7 +6,7 @@
 
 use super::bench_scene::Variant;
 use super::trial::{Judge, Press, Trial, bound};
-use super::{Albedo, Error, Light, LightShape, Material, Mesh, Role, Scene, fast};
+use super::{Albedo, Error, Light, LightShape, Material, Mesh, Role, Scene, fast, reference};
 use glam::Vec3;
 use serde::Serialize;
 use std::sync::Arc;
@@ -64,6 +64,8 @@ enum Due {
     Picture,
     Refusal,
     Either,
+    /// A refusal, and a picture by the reference mode.
+    Reference,
 }
 
 /// Makes what a case tries.
@@ -111,10 +113,30 @@ fn try_case(
     };
     match (&outcome, case.due) {
         (Outcome::Refused { why }, Due::Picture) => faults.push(format!("it was refused: {why}")),
-        (Outcome::Picture { .. }, Due::Refusal) => faults.push("it was not refused".to_owned()),
+        (Outcome::Picture { .. }, Due::Refusal | Due::Reference) => {
+            faults.push("it was not refused".to_owned());
+        }
+        (Outcome::Refused { .. }, Due::Reference) => faults.extend(not_traced(case, settings)),
         _ => {}
     }
     Verdict { case: case.name.clone(), outcome, faults }
+}
+
+/// What is wrong with a case's picture by the reference mode.
+fn not_traced(case: &Case, settings: &Settings) -> Option<String> {
+    let traced = || {
+        let scene = (case.make)(settings)?.scene;
+        let samples = settings.judge_samples;
+        Ok::<_, Error>(reference::Renderer::new(&scene)?.render(&reference::Settings { samples, seed: 0xa }))
+    };
+    match traced() {
+        Ok(film) if film.pixels.iter().any(|p| !(p.is_finite() && p.cmpge(Vec3::ZERO).all())) => {
+            Some("the reference mode's picture is no light".to_owned())
+        }
+        Ok(film) if film.mean() == Vec3::ZERO => Some("the reference mode's picture is black".to_owned()),
+        Ok(_) => None,
+        Err(e) => Some(format!("the reference mode refused it, too: {e}")),
+    }
 }
 
 fn picture_of(
@@ -407,6 +429,16 @@ fn extremes(cases: &mut Vec<Case>) {
             Arc::make_mut(&mut s.surfaces[0].mesh).positions.iter_mut().for_each(|p| *p = Vec3::ZERO);
         }),
     ));
+    cases.push(case(
+        "a pad of 1 triangle, which is left to the reference mode",
+        Due::Reference,
+        changed(|s| {
+            let corners =
+                [Vec3::new(-10.0, -7.5, 0.0), Vec3::new(10.0, -7.5, 0.0), Vec3::new(10.0, 7.5, 0.0)];
+            let mesh = Mesh { positions: corners.to_vec(), triangles: vec![[0, 1, 2]], ..Mesh::default() };
+            s.surfaces[0].mesh = Arc::new(mesh);
+        }),
+    ));
     for lattice in [[2, 2], [3, 2], [1001, 501]] {
         let name = format!("a pad of {} triangles", 2 * (lattice[0] - 1) * (lattice[1] - 1));
         cases
@@ -451,6 +483,20 @@ mod tests {
     use super::*;
 
     /// Some of the cases on small pictures (the command does all of them): each ends well.
+    #[test]
+    fn one_triangle_is_refused_and_traced() {
+        let settings = Settings { size: [32, 24], judge_samples: 4, tolerance: 0.005, every: 1 };
+        let cases = cases();
+        let mut of_one = cases.into_iter().filter(|case| case.name.contains("of 1 triangle"));
+        let mut case = of_one.next().unwrap();
+        let verdict = try_case(&case, &settings, &mut None);
+        let Outcome::Refused { why } = &verdict.outcome else { panic!("{verdict:?}") };
+        assert!(why.contains("reference") && verdict.faults.is_empty(), "{verdict:?}");
+        // What the reference mode cannot render either is a fault.
+        case.make = Box::new(|s| changed(|s| s.surfaces.clear())(s));
+        assert!(!try_case(&case, &settings, &mut None).faults.is_empty());
+    }
+
     #[test]
     fn every_ninth_case_ends_well() {
         let settings = Settings { size: [32, 24], judge_samples: 16, tolerance: 0.005, every: 9 };

@@ -4,6 +4,7 @@ use super::contact_mask::contact_mask;
 use crate::elastomer::{ElastomerCapture, Pad, PadShape, Surface};
 use crate::image::{self, Mask};
 use crate::optics::Error;
+use crate::optics::basis_folder::Contents;
 use crate::optics::imager::{Background, Imager, Method, Notice};
 use crate::optics::sensor::SensorOptics;
 use crate::optics::store::Store;
@@ -51,6 +52,9 @@ pub struct Picture {
     pub contact: Mask,
     /// Bounding box of the contact with a margin: x0, y0, x1, y1 (exclusive), pixels.
     pub contact_box_px: Option<[u32; 4]>,
+    /// One picture a light, where [asked for](Wear::light_by_light). An untouched image that is worn is not in them: it brings
+    /// its own light.
+    pub basis: Option<Contents>,
     /// relRMSE to expect of its light (fast mode).
     pub estimated_error: Option<f64>,
     /// How its light was truly rendered, for the record: after a fall back that is not what was asked for.
@@ -74,6 +78,12 @@ impl Wear {
         self.imager.notices()
     }
 
+    /// From now on each picture is made of one a light, which it brings along.
+    pub fn light_by_light(mut self) -> Self {
+        self.imager = self.imager.light_by_light();
+        self
+    }
+
     /// Warns of the first picture of its kind, and notes the others.
     fn tell(&self, capture: u32, notice: &Notice) {
         let (told, others) = match notice {
@@ -82,7 +92,10 @@ impl Wear {
                 "Others may be above it, too: light_error and light_meets_tolerance are kept of each",
             ),
             // (What holds for all pictures is told once, of none of them.)
-            Notice::BackgroundClipped { .. } | Notice::FellBack { .. } | Notice::PictureFellBack { .. } => {
+            Notice::Dark
+            | Notice::BackgroundClipped { .. }
+            | Notice::FellBack { .. }
+            | Notice::PictureFellBack { .. } => {
                 (&self.told.fell_back, "Others may be, too: optics_mode and spp are kept of each")
             }
         };
@@ -145,6 +158,7 @@ impl View {
             depth_mm: seen.depth_mm,
             contact,
             contact_box_px,
+            basis: seen.basis,
             estimated_error: seen.estimated_error,
             method: seen.method,
             notice: seen.notice,

@@ -5,6 +5,7 @@ use super::{Args, SimulateError, screen};
 use crate::dataset::depth;
 use crate::image::{npy, png};
 use crate::motion::Trajectory;
+use crate::optics::basis_folder;
 use crate::twin::{Deformed, Outcome, Picture, Twin, Wear};
 
 pub(super) struct Desk<'a> {
@@ -49,6 +50,9 @@ impl Desk<'_> {
             if self.args.surface {
                 let bytes = npy::encode(surface.ny, surface.nx, &surface.positions);
                 self.write(&format!("surface/{capture:06}.npy"), &bytes)?;
+            }
+            if let Some(basis) = picture.as_ref().and_then(|picture| picture.basis.as_ref()) {
+                basis_folder::write(&self.args.out.join(format!("basis/{capture:06}")), basis)?;
             }
             if let Some(picture) = &picture {
                 self.write(&format!("sim/{capture:06}.png"), &png::encode(&picture.image)?)?;

@@ -1,7 +1,7 @@
 //! `twinrig stress optics`: odd pads, lights, scales and scenes.
 //!
 //! Sharp indenters, drags of 5 mm, folds, lights that graze, touch walls or point elsewhere, albedos of 0 and 1, lattices
-//! of 2 to a million triangles, scenes without anything: each is rendered by the fast mode and held against two
+//! of 1 to a million triangles, scenes without anything: each is rendered by the fast mode and held against two
 //! reference pictures, or refused with a message. A case fails when a pixel is no light or brighter than all light there is,
 //! when the error is beyond what the mode said of itself, or when it is refused without need. Any failure ends the command
 //! with code 1.

@@ -15,9 +15,11 @@ use super::echo::{self, Echo};
 use super::grid::Grid;
 use super::horizon::Heights;
 use super::lanes::{Eight, Vectors, WIDTH, lanes};
+use super::packed::Packing;
 use super::probes::{self, NUMBERS};
 use super::skyline;
 use super::tilt::Tilts;
+use super::traces;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use row::{Pass, Row};
@@ -100,6 +102,10 @@ pub struct Cells<'a> {
     pub echo: Option<&'a Echo>,
     /// By picture: what groups of walls lose of the light, if anything.
     pub lost: &'a [Vec<Vec3>],
+    /// How these pictures are those of lights.
+    pub packing: Packing,
+    /// What the scene has for the lights.
+    pub radiances: &'a [Vec3],
     /// Whether strong light bounces again.
     pub again: bool,
     /// Whether all distances are looked at, or some.
@@ -118,8 +124,8 @@ pub struct Untouched<S, G> {
 pub struct Changes {
     /// By picture: what the light of each cell is to be multiplied with.
     pub gains: Vec<Vec<Vec3>>,
-    /// Sum over cells, pictures and colours of the squares of what the echo alone changes, as parts of the mean light.
-    pub echoed: f64,
+    /// Mean square of what the echo alone changes, as a part of the mean light, as in [`traces`].
+    pub echoed: Vec<f64>,
 }
 
 /// Means over cells, by row with room on both sides so that eight neighbours can be looked at from any column, and with the
@@ -359,16 +365,29 @@ impl Cells<'_> {
         let of_film =
             |film: usize| gains.chunks_exact(nx).skip(film).step_by(numbers).flatten().copied().collect();
         let mut gains: Vec<Vec<Vec3>> = (0..films).map(of_film).collect();
-        let Some(echo) = self.echo else { return Changes { gains, echoed: 0.0 } };
+        let lights = match self.packing {
+            Packing::Apart => films,
+            Packing::Grey(lights) => lights,
+        };
+        let Some(echo) = self.echo else {
+            return Changes { gains: self.packing.unpack(gains), echoed: vec![0.0; traces::count(lights)] };
+        };
         let answers = echo.answers(&echo.reached(&sent, self.lost, films));
         let echoes = gains.par_iter_mut().zip(&answers).enumerate();
         let echoes = echoes.map(|(film, (gains, answer))| self.echo(&means, film, answer, gains));
-        let echoes: Vec<f64> = echoes.collect();
-        Changes { gains, echoed: echoes.iter().sum() }
+        let (means, changes): (Vec<Vec3>, Vec<Vec<Vec3>>) = echoes.map(|e| (e.mean, e.changes)).unzip();
+        let means = self.packing.unpack(means.into_iter().map(|mean| vec![mean]).collect());
+        let echoes = means.into_iter().zip(self.packing.unpack(changes));
+        let echoes: Vec<Echoed> = echoes.map(|(mean, changes)| Echoed { mean: mean[0], changes }).collect();
+        let mut echoed: Vec<f64> = echoes.iter().map(Echoed::mean_square).collect();
+        if lights > 1 {
+            echoed.push(Echoed::sum(&echoes, self.radiances).mean_square());
+        }
+        Changes { gains: self.packing.unpack(gains), echoed }
     }
 
-    /// Adds what walls give back to the gains of a picture; the mean square of what it is.
-    fn echo(&self, means: &Means, film: usize, answer: &Grid<NUMBERS>, gains: &mut [Vec3]) -> f64 {
+    /// Adds what walls give back to the gains of a picture.
+    fn echo(&self, means: &Means, film: usize, answer: &Grid<NUMBERS>, gains: &mut [Vec3]) -> Echoed {
         let ([nx, _], [x, y, z]) = (self.size, &means.own[film]);
         let at = |k: usize| means.at(k % nx, k / nx);
         let seen = || (0..gains.len()).filter(|k| self.cells[*k].count > 0.0);
@@ -377,20 +396,47 @@ impl Cells<'_> {
         let mean = (seen().map(light).sum::<Vec3>() / n).max(Vec3::splat(1e-12));
         let most = answer.parts().1.iter().flatten().fold(0.0f32, |most, v| most.max(v.abs()));
         if most < SILENT * mean.max_element() {
-            return 0.0;
+            return Echoed { mean, changes: Vec::new() };
         }
-        let mut squares = 0.0;
+        let mut changes = Vec::new();
         let seen: Vec<usize> = seen().collect();
         for k in seen {
             let i = at(k);
             let p = Vec3::new(means.places[0][i], means.places[1][i], means.heights[i]);
             let normal = Vec3::new(means.normals[0][i], means.normals[1][i], means.normals[2][i]);
             let (change, light) = (probes::change(&answer.at(p), normal), light(k));
-            squares += f64::from((change / mean.max_element()).length_squared());
+            changes.push(change);
             let bounded = change.clamp(-0.9 * light, light * (MOST - 1.0));
             gains[k] += bounded / light.max(Vec3::splat(1e-12));
         }
-        squares / f64::from(n)
+        Echoed { mean, changes }
+    }
+}
+
+/// What walls gave back to the cells that see the pad; nothing where that is silent.
+struct Echoed {
+    /// Mean light before.
+    mean: Vec3,
+    changes: Vec<Vec3>,
+}
+
+impl Echoed {
+    /// That of all lights together.
+    fn sum(all: &[Self], radiances: &[Vec3]) -> Self {
+        let longest = all.iter().map(|one| one.changes.len()).max().unwrap_or(0);
+        let mut sum = Self { mean: Vec3::ZERO, changes: vec![Vec3::ZERO; longest] };
+        for (one, radiance) in all.iter().zip(radiances) {
+            sum.mean += one.mean * *radiance;
+            sum.changes.iter_mut().zip(&one.changes).for_each(|(sum, change)| *sum += *change * *radiance);
+        }
+        sum
+    }
+
+    /// As a part of the mean light.
+    fn mean_square(&self) -> f64 {
+        let share = 1.0 / self.mean.max_element().max(1e-12);
+        let squares: f64 = self.changes.iter().map(|c| f64::from((*c * share).length_squared())).sum();
+        squares / self.changes.len().max(1) as f64
     }
 }
 

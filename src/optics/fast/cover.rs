@@ -3,6 +3,7 @@
 //! such a pixel is in front of what does not change with the pad: depths are sampled once per sensor.
 
 use super::fixed::{Look, Looks, SAMPLE_RAYS};
+use super::traces::Pieces;
 use crate::optics::Film;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -36,10 +37,12 @@ pub struct Covers {
 
 /// How a picture's pixels take what covers them.
 pub struct Laid<'a> {
-    /// Radiance of what covers them, by pixel.
-    pub light: &'a [Vec3],
+    /// Radiance of what covers them, by picture and pixel.
+    pub lights: &'a [Vec<Vec3>],
     /// How much of a pixel shows the pad, and how much something fixed.
     pub parts: &'a [[f32; 2]],
+    /// What the scene has for the pictures' lights.
+    pub radiances: &'a [Vec3],
 }
 
 impl Covers {
@@ -114,19 +117,29 @@ impl Covers {
         self.pixels.par_iter().zip(&self.values).map(parts).collect()
     }
 
-    /// Lays what covers pixels over a picture of the pad alone. What the error of the covered parts amounts to, summed over
-    /// pixels and channels as squares.
-    pub fn lay(&self, film: &mut Film, laid: &Laid<'_>, veil: impl Fn(usize) -> Vec3) -> f64 {
-        let mut spread = 0.0;
-        for ((pixel, light), [seen, covered]) in self.pixels.iter().zip(laid.light).zip(laid.parts) {
+    /// Lays what covers pixels over pictures of the pad alone. What the error of the covered parts amounts to, summed over
+    /// pixels and channels as squares, is added to `spread`. `veil` is what a plate mirrors into a pixel of a picture.
+    pub fn lay(
+        &self,
+        films: &mut [Film],
+        laid: &Laid<'_>,
+        veil: impl Fn(usize, usize) -> Vec3,
+        spread: &mut [f64],
+    ) {
+        let mut pads = vec![Vec3::ZERO; films.len()];
+        for (at, (pixel, [seen, covered])) in self.pixels.iter().zip(laid.parts).enumerate() {
             let k = *pixel as usize;
-            let pad = film.pixels[k] - veil(k);
-            let mean = pad * *seen + *light * *covered;
-            film.pixels[k] = mean + veil(k);
-            let squares = pad * pad * *seen + *light * *light * *covered;
-            spread += SAMPLED_ERROR * f64::from((squares - mean * mean).max(Vec3::ZERO).element_sum());
+            for (index, (film, pad)) in films.iter_mut().zip(&mut pads).enumerate() {
+                let veil = veil(index, k);
+                *pad = film.pixels[k] - veil;
+                film.pixels[k] = *pad * *seen + laid.lights[index][at] * *covered + veil;
+            }
+            let mut pieces = Pieces::new(films.len());
+            pieces.add(*seen, pads.iter().copied(), laid.radiances);
+            pieces.add(*covered, laid.lights.iter().map(|light| light[at]), laid.radiances);
+            // (Where neither is there is nothing, which is dark.)
+            pieces.add_variances(1.0, SAMPLED_ERROR, spread);
         }
-        spread
     }
 }
 

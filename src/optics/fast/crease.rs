@@ -7,6 +7,7 @@ use super::gains::Split;
 use super::lanes::{Eight, Vectors, WIDTH, lanes};
 use super::raster::corners;
 use super::shade::Own;
+use super::traces::Pieces;
 use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
@@ -249,7 +250,7 @@ impl Desk<'_> {
         }
         // The light on each.
         let mut light = vec![Vec3::ZERO; films];
-        let (mut squares, mut whole) = (Vec3::ZERO, 0.0f32);
+        let (mut seen, mut whole) = (Pieces::new(films), 0.0f32);
         // What of it is an upright flank's, and how high the rest is.
         let (mut of_flank, mut level) = (vec![Vec3::ZERO; films], [0.0f32; 2]);
         for batch in pieces.chunks(WIDTH) {
@@ -309,10 +310,9 @@ impl Desk<'_> {
                     if upright {
                         of_flank[film] += value * piece.part;
                     }
-                    if film == 0 {
-                        squares += value * value * piece.part;
-                    }
                 }
+                let values = self.sums.iter().map(|sum| albedos[lane] * pick(sum) * FRAC_1_PI);
+                seen.add(piece.part, values, &once.radiances);
                 whole += piece.part;
             }
         }
@@ -326,8 +326,7 @@ impl Desk<'_> {
             let flank = of_flank.into_iter().map(|light| light * share).collect();
             self.splits.push(Split { pixel: [x, y], level_mm: level[0] / level[1].max(1e-12), flank });
         }
-        let variance = squares / whole - (light[0] / whole) * (light[0] / whole);
-        *self.spread += SAMPLED_ERROR * f64::from(variance.element_sum().max(0.0));
+        seen.add_variances(whole, SAMPLED_ERROR, self.spread);
         for (film, light) in light.iter().enumerate() {
             let veil = once.veil(film, films, x, y);
             self.out[film][(y - self.first) * self.width + x] =

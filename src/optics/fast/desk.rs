@@ -36,7 +36,8 @@ pub struct Row<'a> {
     pub out: Vec<&'a mut [Vec3]>,
     pub cells: &'a mut [Cell],
     pub light: &'a mut [Vec3],
-    pub spread: &'a mut f64,
+    /// What mixed pixels may be wrong by, as in [`traces`](super::traces).
+    pub spread: &'a mut [f64],
     pub splits: &'a mut Vec<Split>,
     pub flanks: &'a mut Parts,
 }
@@ -66,7 +67,8 @@ pub struct Desk<'a> {
     pub cell_px: usize,
     pub cells: &'a mut [Cell],
     pub light: &'a mut [Vec3],
-    pub spread: &'a mut f64,
+    /// What mixed pixels may be wrong by, as in [`traces`](super::traces).
+    pub spread: &'a mut [f64],
     pub splits: &'a mut Vec<Split>,
     /// What it shows of upright flanks.
     pub flanks: &'a mut Parts,

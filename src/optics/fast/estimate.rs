@@ -3,6 +3,7 @@
 use super::frame::{self, Effort};
 use super::grid::Grid;
 use super::horizon::Heights;
+use super::traces;
 use super::{Precomputed, Renderer, Source};
 use crate::optics::{Albedo, Material, Role};
 use glam::Vec3;
@@ -87,6 +88,15 @@ const STEEP_ERROR: [f64; 2] = [0.03, 0.055];
 /// face, and throws a shadow across it that is off by 0.6 to 0.8 % of the picture.
 const RIM_ERROR: f64 = 0.0075;
 
+/// What lights a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Lit {
+    /// The scene's lights.
+    ByAll,
+    /// One of them alone, white.
+    By(usize),
+}
+
 impl Precomputed {
     /// How many lights of equal strength would be as many as those that light the untouched face.
     fn lights_in_effect(&self) -> f64 {
@@ -137,17 +147,22 @@ impl Renderer<'_> {
 
     /// Renders more finely what is expected to be above the tolerance, where that helps: once at most, so that a picture takes
     /// no more than about the time of two.
-    pub(super) fn within_tolerance(&self) -> (frame::Pictures, f64) {
-        let pictures = self.pictures(1);
-        let error = self.estimated_error(&pictures, &self.effort);
+    pub(super) fn within_tolerance(
+        &self,
+        render: impl Fn(&Self) -> frame::Pictures,
+    ) -> (frame::Pictures, Effort, f64) {
+        let pictures = render(self);
+        let error = self.estimated_error(&pictures, Lit::ByAll, &self.effort);
         let finer = self.effort.finer().filter(|_| error > self.tolerance);
-        match finer.filter(|effort| self.estimated_error(&pictures, effort) < WORTHWHILE * error) {
+        let is_worth_it =
+            |effort: &Effort| self.estimated_error(&pictures, Lit::ByAll, effort) < WORTHWHILE * error;
+        match finer.filter(is_worth_it) {
             Some(effort) => {
-                let pictures = self.with_effort(effort).pictures(1);
-                let error = self.estimated_error(&pictures, &effort);
-                (pictures, error)
+                let pictures = render(&self.with_effort(effort));
+                let error = self.estimated_error(&pictures, Lit::ByAll, &effort);
+                (pictures, effort, error)
             }
-            None => (pictures, error),
+            None => (pictures, self.effort, error),
         }
     }
 
@@ -155,36 +170,54 @@ impl Renderer<'_> {
     /// one bounce on a coarse raster, and a part of what that changed is taken for its error, as is a part of what walls
     /// give back; pixels over creases are means of a few pieces, and their variance tells the error of the mean. The
     /// constants were found by comparing with the reference (see the tests).
-    fn estimated_error(&self, pictures: &frame::Pictures, effort: &Effort) -> f64 {
-        let film = &pictures.films[0];
-        let n = (film.pixels.len() * 3) as f64;
-        let mean = f64::from(film.mean().element_sum() / 3.0).max(1e-30);
-        let bounce = BOUNCE_ERROR * (pictures.bounced / n).sqrt() / mean;
-        let spread = (pictures.spread / n).sqrt() / mean;
-        let glow = GLOW_ERROR * (pictures.glowed / n).sqrt() / mean;
-        let feet = (pictures.feet / n).sqrt() / mean;
+    pub(super) fn estimated_error(&self, pictures: &frame::Pictures, lit: Lit, effort: &Effort) -> f64 {
+        let n = (pictures.films[0].pixels.len() * 3) as f64;
+        let mean = f64::from(self.mean_light(pictures, lit).element_sum() / 3.0).max(1e-30);
+        let of = |numbers: &[f64]| match lit {
+            Lit::ByAll => traces::of_sum(numbers),
+            Lit::By(light) => numbers[light],
+        };
+        let shines = |light: usize| lit == Lit::ByAll || lit == Lit::By(light);
+        let lights_in_effect = if lit == Lit::ByAll { self.once.lights_in_effect() } else { 1.0 };
+        let bounce = BOUNCE_ERROR * (of(&pictures.bounced) / n).sqrt() / mean;
+        let spread = (of(&pictures.spread) / n).sqrt() / mean;
+        let glow = GLOW_ERROR * (of(&pictures.glowed) / n).sqrt() / mean;
+        let feet = (of(&pictures.feet) / n).sqrt() / mean;
         let base = BASE_ERROR[usize::from(matches!(self.albedo, Albedo::Texture(_)))];
-        let base = base / self.once.lights_in_effect().sqrt();
-        let echo = ECHO_ERROR * pictures.echoed.sqrt();
+        let base = base / lights_in_effect.sqrt();
+        let echo = ECHO_ERROR * of(&pictures.echoed).sqrt();
         let steep = STEEP_ERROR[usize::from(!effort.fine)] * pictures.steepness;
         let rims = if !effort.fine && self.heights.has_sharp_rims() { RIM_ERROR } else { 0.0 };
         let steep = steep.max(rims);
         let plate = if self.once.view.slab.is_some() { PLATE_ERROR } else { 0.0 };
         let curved = if self.once.total.parts().0.is_curved() { CURVED_ERROR } else { 0.0 };
-        let tube = if self.once.sources.iter().any(Source::is_tube) { TUBE_ERROR } else { 0.0 };
-        let profile =
-            if self.once.sources.iter().any(|s| s.angular().is_some()) { PROFILE_ERROR } else { 0.0 };
-        let profile = profile / self.once.lights_in_effect().sqrt();
+        let sources = || self.once.sources.iter().enumerate().filter(|(l, _)| shines(*l)).map(|(_, s)| s);
+        let tube = if sources().any(Source::is_tube) { TUBE_ERROR } else { 0.0 };
+        let profile = if sources().any(|s| s.angular().is_some()) { PROFILE_ERROR } else { 0.0 };
+        let profile = profile / lights_in_effect.sqrt();
         let lost = LOST_ERROR * self.once.bounces_between_walls();
         // (Where one light leaves most of the picture dark, the same is more of what is left.)
-        let dark = pictures.sided.map_or(0.0, |faced| (0.5 / faced.max(LEAST_FACED)).max(1.0) - 1.0);
-        let dark = 1.0 + dark / self.once.lights_in_effect();
-        let sided = if pictures.sided.is_some() { SIDED_ERROR * dark } else { 0.0 };
+        let sided = pictures.sided.iter().filter(|(l, _)| shines(*l)).map(|(_, faced)| *faced);
+        let sided = sided.reduce(f64::min).map_or(0.0, |faced| {
+            let dark = (0.5 / faced.max(LEAST_FACED)).max(1.0) - 1.0;
+            SIDED_ERROR * (1.0 + dark / lights_in_effect)
+        });
         [base, bounce, glow, feet, echo, spread, steep, plate, tube, curved, profile, lost, sided]
             .iter()
             .map(|e| e * e)
             .sum::<f64>()
             .sqrt()
+    }
+
+    /// Mean over the pixels of a picture.
+    fn mean_light(&self, pictures: &frame::Pictures, lit: Lit) -> Vec3 {
+        match (&pictures.films[..], lit) {
+            ([one], _) => one.mean(),
+            (films, Lit::By(light)) => films[light].mean(),
+            (films, Lit::ByAll) => {
+                films.iter().zip(&self.once.radiances).map(|(film, radiance)| film.mean() * *radiance).sum()
+            }
+        }
     }
 }
 
@@ -201,6 +234,15 @@ mod tests {
         assert!((3.0..4.0).contains(&all), "{all}");
         let radiances: Vec<Vec3> = (0..4).map(|l| if l == 2 { Vec3::ONE } else { Vec3::ZERO }).collect();
         assert!((ONCE.with_radiances(&radiances).unwrap().lights_in_effect() - 1.0).abs() < 1e-9);
+    }
+
+    /// What the help of `render --tolerance` says.
+    #[test]
+    fn however_little_is_asked_for_no_less_is_stated_than_what_work_does_not_change() {
+        let scene = scene(Variant::Ac, |_, _| 0.0);
+        let (_, stated) = Renderer::new(&ONCE, &scene, 1e-4).unwrap().basis_with_error();
+        assert!((0.002..0.003).contains(&stated.together), "{}", stated.together);
+        assert!(stated.lights.iter().all(|error| (0.004..0.005).contains(error)), "{:?}", stated.lights);
     }
 
     #[test]
@@ -225,7 +267,7 @@ mod tests {
     fn a_picture_above_its_tolerance_is_rendered_again_where_that_helps() {
         let scene = scene(Variant::Ac, punch);
         let at = |tolerance: f64| Renderer::new(&ONCE, &scene, tolerance).unwrap();
-        let estimated = |r: &Renderer| r.estimated_error(&r.pictures(1), &r.effort);
+        let estimated = |r: &Renderer| r.estimated_error(&r.pictures(1), Lit::ByAll, &r.effort);
         let coarse = at(0.0095);
         let before = estimated(&coarse);
         let (film, error) = coarse.render_with_error();

@@ -8,14 +8,17 @@ use super::Precomputed;
 use super::bounce::{self, Cell, Cells, Untouched};
 use super::cover::Laid;
 use super::desk::Row;
-use super::gains::Gains;
+use super::gains::{Gains, Picture};
 use super::glow::Pressed;
 use super::horizon::{Heights, slope_of, squeezed};
 use super::lanes::{Vectors, WIDTH, with_widest};
+use super::packed::{CHANNELS, Packing};
 use super::raster::{Sample, corners};
+use super::skyline;
 use super::slots::{POSITION, Slots};
 use super::source::{COARSE, KEPT, LINES, Line, with_means};
 use super::tilt::{Parts, Tilts};
+use super::traces;
 use super::vector::{irradiance, of_point, quadrilateral};
 use super::wall_shadow;
 use crate::optics::{Albedo, Film, Mesh};
@@ -64,20 +67,20 @@ pub struct Effort {
 pub struct Pictures {
     /// One, or one a light.
     pub films: Vec<Film>,
-    /// Sum over pixels and channels of the squares of what the bounce changed (of the last picture).
-    pub bounced: f64,
+    /// Sum over pixels and channels of the squares of what the bounce changed; this and what follows as in [`traces`].
+    pub bounced: Vec<f64>,
     /// Mean square of what walls gave back of the press, as a part of the mean light.
-    pub echoed: f64,
+    pub echoed: Vec<f64>,
+    /// Sum over pixels and channels of the squares of what the press changed in the light on fixed parts.
+    pub glowed: Vec<f64>,
+    /// The same of what is wrong at the feet of lamps.
+    pub feet: Vec<f64>,
+    /// Sum over pixels and channels of the variances of what mixed pixels are means of.
+    pub spread: Vec<f64>,
     /// Rms over the face of |n - n0|^2, which tells how steep the press made it.
     pub steepness: f64,
-    /// Where some of the pad is beyond the plane of a light: the least part that is before one.
-    pub sided: Option<f64>,
-    /// Sum over pixels and channels of the squares of what the press changed in the light on fixed parts (of the first picture).
-    pub glowed: f64,
-    /// The same of what is wrong at the feet of lamps.
-    pub feet: f64,
-    /// Sum over pixels and channels of the variances of what mixed pixels are means of (of the first picture).
-    pub spread: f64,
+    /// Lights beyond whose plane some of the pad is, and the part that is before it.
+    pub sided: Vec<(usize, f64)>,
 }
 
 /// Rms of |n - n0|^2 over cells, n0 the normal of the untouched face.
@@ -138,13 +141,14 @@ impl Frame<'_> {
         // (Twice each: what is level enough to have normals of its own, and flanks that are narrower than a pixel.)
         let mut cells = vec![bounce::EMPTY; 2 * size[0] * size[1]];
         let mut light = vec![Vec3::ZERO; size[0] * size[1] * 2 * films];
-        let mut spreads = vec![0.0; height.div_ceil(NODE_PX)];
+        let traces = traces::count(films);
+        let mut spreads = vec![0.0; traces * height.div_ceil(NODE_PX)];
         let mut splits = vec![Vec::new(); height.div_ceil(NODE_PX)];
         let mut parts_of_flanks = vec![Parts::default(); height.div_ceil(NODE_PX)];
         let mut all: Vec<Film> =
             (0..films).map(|_| Film { width, height, pixels: vec![Vec3::ZERO; width * height] }).collect();
         let mut rows: Vec<Vec<&mut [Vec3]>> = Vec::new();
-        rows.resize_with(spreads.len(), Vec::new);
+        rows.resize_with(splits.len(), Vec::new);
         for film in &mut all {
             let chunks = film.pixels.chunks_mut(NODE_PX * width);
             rows.iter_mut().zip(chunks).for_each(|(row, chunk)| row.push(chunk));
@@ -152,7 +156,7 @@ impl Frame<'_> {
         rows.into_par_iter()
             .zip(cells.par_chunks_mut(2 * in_row))
             .zip(light.par_chunks_mut(in_row * 2 * films))
-            .zip(spreads.par_iter_mut().zip(&mut splits).zip(&mut parts_of_flanks))
+            .zip(spreads.par_chunks_mut(traces).zip(&mut splits).zip(&mut parts_of_flanks))
             .enumerate()
             .for_each(|(row, (((out, cells), light), ((spread, splits), flanks)))| {
                 with_widest(Row {
@@ -188,7 +192,7 @@ impl Frame<'_> {
             }
         }
         let cells = whole;
-        let (mut bounced, mut echoed) = (0.0, 0.0);
+        let (mut bounced, mut echoed) = (vec![0.0; traces], vec![0.0; traces]);
         let mut glows: Vec<Vec<Vec3>> = Vec::new();
         if self.effort.bounce {
             let albedo = match self.albedo {
@@ -200,7 +204,9 @@ impl Frame<'_> {
             let most_count = (cell_px * cell_px) as f32 * if cell_px >= 4 { 0.25 } else { 1.0 };
             let (eye, echo) = (camera.origin, self.once.tables.echo.as_ref());
             let extent = self.heights.extent();
-            let tilts = Tilts::of(&parts_of_flanks, in_row, lights.len());
+            let packing = self.packing(albedo, films);
+            let tilts = Tilts::of(&parts_of_flanks, in_row, lights.len()).packed(packing);
+            let packed_lights = packing.pack(&lights);
             let cells = Cells {
                 size,
                 edge_mm,
@@ -208,14 +214,16 @@ impl Frame<'_> {
                 cells: &cells,
                 flanks: &is_flank,
                 tilts: &tilts,
-                lights: &lights,
+                lights: &packed_lights,
                 most_count,
                 albedo,
                 eye,
                 extent,
                 heights: self.heights,
                 echo,
-                lost: &self.lost(lights.len()),
+                lost: &packing.pack(&self.lost(lights.len())),
+                packing,
+                radiances: &self.once.radiances,
                 again: self.effort.fine,
                 closely: !self.effort.sparse,
             };
@@ -225,9 +233,29 @@ impl Frame<'_> {
             };
             let grounds = if lights.len() == 1 { &self.once.grounds[..1] } else { &self.once.grounds[1..] };
             let untouched = Untouched {
-                sky: |film: usize, p: Vec3| skylines[film].at(p),
+                sky: |film: usize, p: Vec3| match packing {
+                    Packing::Apart => skylines[film].at(p),
+                    Packing::Grey(lamps) => {
+                        let mut numbers = [0.0; skyline::NUMBERS];
+                        for (c, of_lamp) in
+                            skylines[..lamps].iter().skip(film * CHANNELS).take(CHANNELS).enumerate()
+                        {
+                            let of_lamp = of_lamp.at(p);
+                            numbers[c..].iter_mut().zip(&of_lamp).step_by(3).for_each(|(n, of)| *n = *of);
+                        }
+                        numbers
+                    }
+                },
                 // (Under the table it holds what it has at the untouched face.)
-                ground: |film: usize, p: Vec3| Vec3::from(grounds[film].at(p.with_z(f32::MIN))),
+                ground: |film: usize, p: Vec3| {
+                    let of = |lamp: usize| Vec3::from(grounds[lamp].at(p.with_z(f32::MIN)));
+                    match packing {
+                        Packing::Apart => of(film),
+                        Packing::Grey(_) => {
+                            Vec3::from_array([0, 1, 2].map(|c| packing.number(film, c, |lamp| of(lamp).x)))
+                        }
+                    }
+                },
             };
             let changes = cells.changes(untouched, |p| self.once.total.rest_normal(p));
             let pressed = Pressed {
@@ -250,31 +278,35 @@ impl Frame<'_> {
             let lifts: Vec<f32> = cells.cells.iter().map(|c| c.position.z / c.count.max(1e-6)).collect();
             echoed = changes.echoed;
             let hidden = self.hidden();
+            let mut sum = vec![Vec3::ZERO; if films > 1 { width * height } else { 0 }];
             for (k, (film, gains)) in all.iter_mut().zip(&changes.gains).enumerate() {
                 let (lifts, flanks, columns) = (&lifts, &is_flank, size[0]);
                 let (splits, hidden) = (&splits, &hidden);
                 let gains = Gains { gains, lifts, flanks, columns, cell_px, splits, hidden };
                 let veil = |x: usize, y: usize| self.once.veil(k, lights.len(), x, y);
-                bounced = gains.apply(film, k, |x, y| self.height_mm(x, y), veil);
+                let picture = Picture { index: k, radiance: self.once.radiances[k] };
+                bounced[k] = gains.apply(film, picture, |x, y| self.height_mm(x, y), veil, &mut sum);
+            }
+            if films > 1 {
+                bounced[films] = sum.iter().map(|change| f64::from(change.length_squared())).sum();
             }
         }
         let (once, count) = (self.once, all.len());
-        let mut spread: f64 = spreads.iter().sum();
+        let mut spread: Vec<f64> =
+            (0..traces).map(|k| spreads.iter().skip(k).step_by(traces).sum()).collect();
         let covers = &once.tables.covers;
         let parts = covers.parts(|pixel| self.values(pixel % width, pixel / width));
-        for (k, film) in all.iter_mut().enumerate() {
-            let light = if count == 1 { &once.cover_total } else { &covers.lights[k] };
-            let veil = |pixel: usize| once.veil(k, count, pixel % width, pixel / width);
-            let laid = covers.lay(film, &Laid { light, parts: &parts }, veil);
-            spread += if k == 0 { laid } else { 0.0 };
-        }
+        let lights = if count == 1 { std::slice::from_ref(&once.cover_total) } else { &covers.lights[..] };
+        let veil = |k: usize, pixel: usize| once.veil(k, count, pixel % width, pixel / width);
+        let laid = Laid { lights, parts: &parts, radiances: &once.radiances };
+        covers.lay(&mut all, &laid, veil, &mut spread);
         let [glowed, feet] = self.add_glow(&mut all, &glows, &parts);
         Pictures {
             films: all,
             bounced,
             echoed,
             steepness: steepness(&cells, |p| once.total.rest_normal(p)),
-            sided: self.sided.iter().map(|l| self.faced(&nodes, *l)).reduce(f64::min),
+            sided: self.sided.iter().map(|l| (*l, self.faced(&nodes, *l))).collect(),
             glowed,
             feet,
             spread,
@@ -282,12 +314,13 @@ impl Frame<'_> {
     }
 
     /// Adds what the press changes in the light on fixed parts, by picture and spot, to the pixels that show them. The sums over
-    /// pixels and channels of the squares of what that is in the first picture, and of what is wrong at the feet of lamps. `parts`
-    /// are those of the covers.
-    fn add_glow(&self, films: &mut [Film], glows: &[Vec<Vec3>], parts: &[[f32; 2]]) -> [f64; 2] {
+    /// pixels and channels of the squares of what that is, and of what is wrong at the feet of lamps. `parts` are those of the
+    /// covers.
+    fn add_glow(&self, films: &mut [Film], glows: &[Vec<Vec3>], parts: &[[f32; 2]]) -> [Vec<f64>; 2] {
         let tables = &self.once.tables;
         let (columns, level) = (self.once.view.corners()[0], self.once.level());
-        let [mut squares, mut feet] = [0.0; 2];
+        let radiances = &self.once.radiances;
+        let [mut squares, mut feet] = [(); 2].map(|()| vec![0.0; traces::count(films.len())]);
         // Both are in the order of pixels.
         let mut covered = tables.covers.pixels.iter().zip(parts).peekable();
         for &[pixel, spot] in &tables.glow.pixels {
@@ -302,12 +335,13 @@ impl Frame<'_> {
                 }
             };
             let foot = tables.glow.spots[spot].foot_error(level);
-            feet += f64::from((films[0].pixels[at] * foot).length_squared());
-            for (k, (film, glow)) in films.iter_mut().zip(glows).enumerate() {
+            traces::add_squares(&mut feet, films.iter().map(|film| film.pixels[at] * foot), radiances);
+            let added = films.iter_mut().zip(glows).map(|(film, glow)| {
                 let add = (glow[spot] * part).max(-film.pixels[at]);
                 film.pixels[at] += add;
-                squares += if k == 0 { f64::from(add.length_squared()) } else { 0.0 };
-            }
+                add
+            });
+            traces::add_squares(&mut squares, added, radiances);
         }
         [squares, feet]
     }
@@ -330,6 +364,12 @@ impl Frame<'_> {
             sum.iter_mut().zip(of_light).for_each(|(sum, loss)| *sum += *radiance * *loss);
         }
         vec![sum]
+    }
+
+    /// Which pictures the bounce takes together.
+    fn packing(&self, albedo: Vec3, films: usize) -> Packing {
+        let is_grey = self.slots.grey && self.once.is_skyline_grey && albedo == Vec3::splat(albedo.x);
+        if films > 1 && is_grey { Packing::Grey(films) } else { Packing::Apart }
     }
 
     /// Pixels along the edge of a cell of the bounce, and by how many times that is finer than usual: between a sharp rim and

@@ -33,6 +33,13 @@ enum Kind {
     Flank,
 }
 
+/// Which of the pictures, and what the scene has for its light.
+#[derive(Debug, Clone, Copy)]
+pub struct Picture {
+    pub index: usize,
+    pub radiance: Vec3,
+}
+
 /// A picture's gains, by cell.
 pub struct Gains<'a> {
     pub gains: &'a [Vec3],
@@ -52,18 +59,29 @@ pub struct Gains<'a> {
 
 impl Gains<'_> {
     /// Multiplies a picture; the sum of squares of what changes. `height_mm` tells how high a pixel is, if it sees the pad,
-    /// `veil` what of its light is not the pad's.
+    /// `veil` what of its light is not the pad's. What changes is added to `sum`, too, where that has pixels.
     pub fn apply(
         &self,
         film: &mut Film,
-        index: usize,
+        Picture { index, radiance }: Picture,
         height_mm: impl Fn(usize, usize) -> Option<f32> + Sync,
         veil: impl Fn(usize, usize) -> Vec3 + Sync,
+        sum: &mut [Vec3],
     ) -> f64 {
         let width = film.width;
         let columns: Vec<(usize, f32)> = (0..width).map(|x| self.across(x)).collect();
-        let rows = film.pixels.par_chunks_mut(width).enumerate();
-        rows.map(|(y, row)| self.row(y, row, &columns, index, &height_mm, &veil)).sum()
+        let mut sums: Vec<&mut [Vec3]> = sum.chunks_mut(width).collect();
+        sums.resize_with(film.height, Default::default);
+        let rows = film.pixels.par_chunks_mut(width).zip(sums).enumerate();
+        rows.map(|(y, (row, sum))| {
+            let changed = |x: usize, change: Vec3| {
+                if let Some(sum) = sum.get_mut(x) {
+                    *sum += change * radiance;
+                }
+            };
+            self.row(y, row, &columns, index, (&height_mm, &veil), changed)
+        })
+        .sum()
     }
 
     /// The cell before the middle of a pixel along x, and how far that is towards the next.
@@ -79,8 +97,8 @@ impl Gains<'_> {
         row: &mut [Vec3],
         columns: &[(usize, f32)],
         index: usize,
-        height_mm: &impl Fn(usize, usize) -> Option<f32>,
-        veil: &impl Fn(usize, usize) -> Vec3,
+        (height_mm, veil): (&impl Fn(usize, usize) -> Option<f32>, &impl Fn(usize, usize) -> Vec3),
+        mut changed: impl FnMut(usize, Vec3),
     ) -> f64 {
         let nx = self.columns;
         let last = self.gains.len() / nx - 1;
@@ -129,11 +147,13 @@ impl Gains<'_> {
             let add = (*pixel - veil(x, y)) * (gain - Vec3::ONE);
             sum += f64::from(add.length_squared());
             *pixel += add;
+            changed(x, add);
         }
         for split in splits {
             let (x, light) = (split.pixel[0], split.flank[index]);
             let gained = light * of_kind(x, Kind::Flank);
             sum += f64::from((gained - light).length_squared());
+            changed(x, gained - light);
             row[x] += gained;
         }
         sum

@@ -1,5 +1,6 @@
 //! One pad under a prepared sensor: what a frame needs anew, and its pictures.
 
+use super::estimate::Lit;
 use super::frame::{self, Effort, Frame};
 use super::horizon::Heights;
 use super::raster::{self, Projected};
@@ -7,7 +8,7 @@ use super::slots::Slots;
 use super::suited::{lattice_of, lights_off_face, pad_of, same_but_pad_mesh, unsupported};
 use super::view::View;
 use super::{DIRECT_LIFT_MM, Precomputed};
-use crate::optics::basis::LightBasis;
+use crate::optics::basis::{BasisError, LightBasis};
 use crate::optics::reference::Sight;
 use crate::optics::{Albedo, Error, Film, Material, Mesh, Scene, to_pad};
 use glam::{Vec2, Vec3};
@@ -126,20 +127,31 @@ impl<'a> Renderer<'a> {
     /// The picture and what relRMSE to expect of it. Where that would be above the tolerance, and more work would help, more is
     /// done.
     pub fn render_with_error(&self) -> (Film, f64) {
-        let (mut pictures, error) = self.within_tolerance();
+        let (mut pictures, _, error) = self.within_tolerance(|pad| pad.pictures(1));
         (pictures.films.swap_remove(0), error)
     }
 
     /// One picture for each light of radiance 1, in the scene's order.
     pub fn basis(&self) -> LightBasis {
+        self.basis_with_error().0
+    }
+
+    /// The same, and what relRMSE to expect of each, and of their sum in the scene's colours. More work is done where the
+    /// picture of all lights would take it, so that the sum is that picture.
+    pub fn basis_with_error(&self) -> (LightBasis, BasisError) {
         let names = self.once.fixed_scene.lights.iter().map(|l| l.name.clone()).collect();
-        let n = self.once.sources.len();
-        let films = match n {
+        let (pictures, effort, together) = self.within_tolerance(|pad| pad.light_by_light());
+        let error = |light| self.estimated_error(&pictures, Lit::By(light), &effort);
+        let lights = (0..self.once.sources.len()).map(error).collect();
+        (LightBasis { names, films: pictures.films }, BasisError { lights, together })
+    }
+
+    fn light_by_light(&self) -> frame::Pictures {
+        match self.once.sources.len() {
             // A single picture is one of all lights together: here of a white one.
-            1 => self.pictures_of(&self.once.lit_by(&[Vec3::ONE]), 1).films,
-            _ => self.pictures(n).films,
-        };
-        LightBasis { names, films }
+            1 => self.pictures_of(&self.once.lit_by(&[Vec3::ONE]), 1),
+            n => self.pictures(n),
+        }
     }
 
     pub(super) fn pictures(&self, films: usize) -> frame::Pictures {
@@ -170,10 +182,12 @@ impl<'a> Renderer<'a> {
         if grain > 1 {
             pictures.films.iter_mut().for_each(|film| *film = film.shrunk(grain));
             // Errors of neighbours average out over a pixel, changes do not.
-            pictures.spread /= (grain * grain).pow(2) as f64;
-            pictures.bounced /= (grain * grain) as f64;
-            pictures.glowed /= (grain * grain) as f64;
-            pictures.feet /= (grain * grain) as f64;
+            let once = (grain * grain) as f64;
+            let scaled = |numbers: &mut [f64], part: f64| numbers.iter_mut().for_each(|n| *n /= part);
+            scaled(&mut pictures.spread, once * once);
+            scaled(&mut pictures.bounced, once);
+            scaled(&mut pictures.glowed, once);
+            scaled(&mut pictures.feet, once);
         }
         pictures
     }

@@ -8,6 +8,7 @@ use super::frame::Frame;
 use super::lanes::{Eight, Vectors, WIDTH};
 use super::raster::{EMPTY, Sample};
 use super::shade::Own;
+use super::traces::add_squares;
 use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
@@ -145,6 +146,7 @@ impl Desk<'_> {
         let corners = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
         let beside = corners.into_iter().filter(|(x, y)| self.frame.corner(*x, *y).is_none());
         let share = (1.0 - part) / beside.clone().count().max(1) as f32;
+        let mut contrasts = Vec::with_capacity(films);
         for film in 0..films {
             let light = pad
                 * Vec3::from_array(
@@ -154,13 +156,13 @@ impl Desk<'_> {
                 true => Vec3::ZERO,
                 false => beside.clone().map(|(x, y)| once.fixed_light(film, films, x, y) * share).sum(),
             };
-            if film == 0 && part > 0.0 && part < 1.0 {
-                let contrast = light - fixed / (1.0 - part);
-                let edge = SAMPLED_ERROR * f64::from(part * (1.0 - part) * contrast.length_squared());
-                *self.spread += edge;
+            if part > 0.0 && part < 1.0 {
+                let weight = (SAMPLED_ERROR as f32 * part * (1.0 - part)).sqrt();
+                contrasts.push((light - fixed / (1.0 - part)) * weight);
             }
             let veil = once.veil(film, films, x, y);
             self.out[film][(y - self.first) * self.width + x] = light * part + fixed + veil;
         }
+        add_squares(self.spread, contrasts.into_iter(), &once.radiances);
     }
 }

@@ -61,6 +61,12 @@ pub fn gather(
     (0..solved.lights).map(|l| Grid::from_values(places.clone(), of_light(l))).collect()
 }
 
+/// Whether all colours are alike.
+pub fn is_grey(grid: &Grid<NUMBERS>) -> bool {
+    let alike = |numbers: &[f32; NUMBERS]| numbers.chunks_exact(3).all(|c| c[0] == c[1] && c[1] == c[2]);
+    grid.parts().1.iter().all(alike)
+}
+
 /// What of the walls hides behind what rises, at eight places in one direction around: radiance times weight, where weights grow
 /// with elevation from 0 on the level to `borders` between the ranges. `from` and `to` are weights.
 #[inline(always)]

@@ -191,6 +191,49 @@ fn one_picture_for_each_light_adds_up_and_colours_can_be_fitted() {
 }
 
 #[test]
+fn the_error_of_each_picture_of_a_basis_is_stated_and_that_of_their_sum_is_the_pictures() {
+    for height in [sphere as fn(f32, f32) -> f32, punch] {
+        let scene = scene(bench_scene::Variant::Ac, height);
+        let renderer = Renderer::new(&ONCE, &scene, 0.005).unwrap();
+        let (basis, stated) = renderer.basis_with_error();
+        let picture = renderer.render_with_error().1;
+        assert!((stated.together / picture - 1.0).abs() < 0.02, "{} {picture}", stated.together);
+        // Under one light errors do not even out.
+        assert!(stated.lights.iter().all(|e| *e > picture), "{:?} {picture}", stated.lights);
+        let mut white = scene.clone();
+        white.lights.iter_mut().for_each(|l| l.radiance = Vec3::ONE);
+        let judge = reference::Renderer::new(&white).unwrap();
+        let [a, b] = [1, 2].map(|seed| judge.basis(&reference::Settings { samples: 32, seed }).films);
+        for ((film, stated), (a, b)) in basis.films.iter().zip(&stated.lights).zip(a.iter().zip(&b)) {
+            let noise = a.relative_rmse(b) / 2.0;
+            let pixels = a.pixels.iter().zip(&b.pixels).map(|(p, q)| (*p + *q) * 0.5).collect();
+            let error = film.relative_rmse(&Film { pixels, ..a.clone() });
+            let error = (error * error - noise * noise).max(0.0).sqrt();
+            assert!(error < 1.5 * stated + 0.001, "{error} {stated}");
+        }
+    }
+}
+
+#[test]
+fn lamps_that_are_taken_together_give_what_each_gives_apart() {
+    for height in [sphere as fn(f32, f32) -> f32, punch, |x, _| f32::from(u8::from(x > 0.5))] {
+        let scene = scene(bench_scene::Variant::Ac, height);
+        let mut once = Precomputed::new(&flat(&scene)).unwrap();
+        assert!(once.greys.is_some() && once.is_skyline_grey, "nothing in the scene has a colour");
+        let (together, stated) = Renderer::new(&once, &scene, 0.005).unwrap().basis_with_error();
+        once.is_skyline_grey = false;
+        let (apart, stated_apart) = Renderer::new(&once, &scene, 0.005).unwrap().basis_with_error();
+        for (a, b) in together.films.iter().zip(&apart.films) {
+            assert!(a.relative_rmse(b) < 1e-6, "{}", a.relative_rmse(b));
+        }
+        assert!((stated.together / stated_apart.together - 1.0).abs() < 1e-4);
+        for (a, b) in stated.lights.iter().zip(&stated_apart.lights) {
+            assert!((a / b - 1.0).abs() < 1e-4, "{a} {b}");
+        }
+    }
+}
+
+#[test]
 fn threads_change_nothing_and_sights_are_the_references() {
     let scene = scene(bench_scene::Variant::Ac, sphere);
     let renderer = Renderer::new(&ONCE, &scene, 0.005).unwrap();

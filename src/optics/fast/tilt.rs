@@ -5,6 +5,7 @@
 //! high or low, and between foot and rim a flank's light changes by up to a half. So a straight line is laid through the
 //! light of its parts.
 
+use super::packed::Packing;
 use glam::Vec3;
 
 /// Parts of flanks that span less than about this height tell of no line, mm.
@@ -49,6 +50,11 @@ pub struct Tilts {
 type Moments = [f32; 3];
 
 impl Tilts {
+    /// The same of pictures that are [taken together](Packing).
+    pub fn packed(&self, packing: Packing) -> Self {
+        Self { lights: packing.pack(&self.lights), lower_mm: self.lower_mm.clone() }
+    }
+
     /// Of a picture without flanks.
     pub const NONE: Self = Self { lights: Vec::new(), lower_mm: Vec::new() };
 

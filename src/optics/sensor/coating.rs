@@ -41,10 +41,35 @@ pub struct MarkerSpec {
     /// Where one of the dots is, pad frame, mm.
     #[serde(default)]
     pub offset_mm: [f64; 2],
+    /// Root mean square by which a dot is off its place along x and y, part of the pitch.
+    #[serde(default = "default_place_rms")]
+    pub place_rms: f64,
+    /// Root mean square by which a dot is larger or smaller than the others, and is longer than wide, part of the diameter.
+    #[serde(default = "default_size_rms")]
+    pub size_rms: f64,
+    /// Root mean square of what a dot lets through of the coat under it.
+    #[serde(default = "default_faint_rms")]
+    pub faint_rms: f64,
+    /// Which print of this kind: another number is another sensor's.
+    #[serde(default)]
+    pub seed: u32,
 }
 
 fn default_ink() -> f64 {
     0.05
+}
+
+// (What a careful print by hand or stencil has.)
+fn default_place_rms() -> f64 {
+    0.02
+}
+
+fn default_size_rms() -> f64 {
+    0.03
+}
+
+fn default_faint_rms() -> f64 {
+    0.04
 }
 
 impl MarkerSpec {
@@ -55,6 +80,9 @@ impl MarkerSpec {
         for (axis, value) in self.offset_mm.iter().enumerate() {
             p.range(&format!("offset_mm[{axis}]"), *value, -100.0, 100.0, "mm");
         }
+        p.range("place_rms", self.place_rms, 0.0, 0.1, "of the pitch");
+        p.range("size_rms", self.size_rms, 0.0, 0.15, "of the diameter");
+        p.range("faint_rms", self.faint_rms, 0.0, 0.3, "");
     }
 }
 

@@ -29,6 +29,8 @@ fn white<'a>(
         heights,
         echo: None,
         lost: &[],
+        packing: Packing::Apart,
+        radiances: &[],
         again: false,
         closely: true,
     }
