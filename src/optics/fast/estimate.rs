@@ -117,12 +117,16 @@ impl Precomputed {
         let (mut areas, mut reflected) = (0.0, 0.0);
         for surface in self.fixed_scene.surfaces.iter().filter(|s| s.role != Role::Plate) {
             let Material::Lambert { albedo } = &surface.material else { continue };
+            let corners = (0..surface.mesh.triangles.len()).map(|k| surface.mesh.corners(k));
+            let area: f32 = corners.map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length()).sum();
+            if area == 0.0 {
+                // (The pad is not among the fixed parts, and the mean of its texture takes time.)
+                continue;
+            }
             let albedo = match albedo {
                 Albedo::Constant(albedo) => *albedo,
                 Albedo::Texture(texture) => texture.mean(),
             };
-            let corners = (0..surface.mesh.triangles.len()).map(|k| surface.mesh.corners(k));
-            let area: f32 = corners.map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length()).sum();
             areas += f64::from(area);
             reflected += f64::from(area * albedo.max_element());
         }
@@ -211,11 +215,11 @@ impl Renderer<'_> {
 
     /// Mean over the pixels of a picture.
     fn mean_light(&self, pictures: &frame::Pictures, lit: Lit) -> Vec3 {
-        match (&pictures.films[..], lit) {
-            ([one], _) => one.mean(),
-            (films, Lit::By(light)) => films[light].mean(),
-            (films, Lit::ByAll) => {
-                films.iter().zip(&self.once.radiances).map(|(film, radiance)| film.mean() * *radiance).sum()
+        match (&pictures.means[..], lit) {
+            ([one], _) => *one,
+            (means, Lit::By(light)) => means[light],
+            (means, Lit::ByAll) => {
+                means.iter().zip(&self.once.radiances).map(|(mean, radiance)| *mean * *radiance).sum()
             }
         }
     }

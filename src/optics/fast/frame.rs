@@ -8,7 +8,7 @@ use super::Precomputed;
 use super::bounce::{self, Cell, Cells, Untouched};
 use super::cover::Laid;
 use super::desk::Row;
-use super::gains::{Gains, Picture};
+use super::gains::{self, Gains};
 use super::glow::Pressed;
 use super::horizon::{Heights, slope_of, squeezed};
 use super::lanes::{Vectors, WIDTH, with_widest};
@@ -67,6 +67,8 @@ pub struct Effort {
 pub struct Pictures {
     /// One, or one a light.
     pub films: Vec<Film>,
+    /// Their means over all pixels.
+    pub means: Vec<Vec3>,
     /// Sum over pixels and channels of the squares of what the bounce changed; this and what follows as in [`traces`].
     pub bounced: Vec<f64>,
     /// Mean square of what walls gave back of the press, as a part of the mean light.
@@ -278,18 +280,13 @@ impl Frame<'_> {
             let lifts: Vec<f32> = cells.cells.iter().map(|c| c.position.z / c.count.max(1e-6)).collect();
             echoed = changes.echoed;
             let hidden = self.hidden();
-            let mut sum = vec![Vec3::ZERO; if films > 1 { width * height } else { 0 }];
-            for (k, (film, gains)) in all.iter_mut().zip(&changes.gains).enumerate() {
-                let (lifts, flanks, columns) = (&lifts, &is_flank, size[0]);
-                let (splits, hidden) = (&splits, &hidden);
-                let gains = Gains { gains, lifts, flanks, columns, cell_px, splits, hidden };
-                let veil = |x: usize, y: usize| self.once.veil(k, lights.len(), x, y);
-                let picture = Picture { index: k, radiance: self.once.radiances[k] };
-                bounced[k] = gains.apply(film, picture, |x, y| self.height_mm(x, y), veil, &mut sum);
-            }
-            if films > 1 {
-                bounced[films] = sum.iter().map(|change| f64::from(change.length_squared())).sum();
-            }
+            let (lifts, flanks, columns) = (&lifts[..], &is_flank[..], size[0]);
+            let (splits, hidden) = (&splits[..], &hidden[..]);
+            let of = |gains| Gains { gains, lifts, flanks, columns, cell_px, splits, hidden };
+            let all_gains: Vec<Gains<'_>> = changes.gains.iter().map(|gains| of(&gains[..])).collect();
+            let veil = |k: usize, x: usize, y: usize| self.once.veil(k, lights.len(), x, y);
+            let height_mm = |x: usize, y: usize| self.height_mm(x, y);
+            bounced = gains::apply(&all_gains, &mut all, &self.once.radiances, height_mm, veil);
         }
         let (once, count) = (self.once, all.len());
         let mut spread: Vec<f64> =
@@ -302,6 +299,7 @@ impl Frame<'_> {
         covers.lay(&mut all, &laid, veil, &mut spread);
         let [glowed, feet] = self.add_glow(&mut all, &glows, &parts);
         Pictures {
+            means: all.iter().map(Film::mean).collect(),
             films: all,
             bounced,
             echoed,

@@ -4,6 +4,7 @@
 //! are not those of what is level beside them. A pixel over the edge of one is taken apart.
 
 use super::frame::NODE_PX;
+use super::traces;
 use crate::optics::Film;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -33,13 +34,6 @@ enum Kind {
     Flank,
 }
 
-/// Which of the pictures, and what the scene has for its light.
-#[derive(Debug, Clone, Copy)]
-pub struct Picture {
-    pub index: usize,
-    pub radiance: Vec3,
-}
-
 /// A picture's gains, by cell.
 pub struct Gains<'a> {
     pub gains: &'a [Vec3],
@@ -57,33 +51,45 @@ pub struct Gains<'a> {
     pub hidden: &'a [bool],
 }
 
-impl Gains<'_> {
-    /// Multiplies a picture; the sum of squares of what changes. `height_mm` tells how high a pixel is, if it sees the pad,
-    /// `veil` what of its light is not the pad's. What changes is added to `sum`, too, where that has pixels.
-    pub fn apply(
-        &self,
-        film: &mut Film,
-        Picture { index, radiance }: Picture,
-        height_mm: impl Fn(usize, usize) -> Option<f32> + Sync,
-        veil: impl Fn(usize, usize) -> Vec3 + Sync,
-        sum: &mut [Vec3],
-    ) -> f64 {
-        let width = film.width;
-        let columns: Vec<(usize, f32)> = (0..width).map(|x| self.across(x)).collect();
-        let mut sums: Vec<&mut [Vec3]> = sum.chunks_mut(width).collect();
-        sums.resize_with(film.height, Default::default);
-        let rows = film.pixels.par_chunks_mut(width).zip(sums).enumerate();
-        rows.map(|(y, (row, sum))| {
+/// Multiplies pictures, each by its own; the sums of squares of what changes, as in [`traces`]. `radiances` are those of the
+/// scene. `height_mm` tells how high a pixel is, if it sees the pad, `veil` what of a picture's light there is not the pad's.
+pub fn apply(
+    all: &[Gains<'_>],
+    films: &mut [Film],
+    radiances: &[Vec3],
+    height_mm: impl Fn(usize, usize) -> Option<f32> + Sync,
+    veil: impl Fn(usize, usize, usize) -> Vec3 + Sync,
+) -> Vec<f64> {
+    let (width, count) = (films.first().map_or(0, |film| film.width), traces::count(films.len()));
+    let columns: Vec<(usize, f32)> = (0..width).map(|x| all[0].across(x)).collect();
+    // Row by row, so that what the pictures gain together is added up while it is at hand.
+    let mut rows: Vec<Vec<&mut [Vec3]>> = Vec::new();
+    for film in films {
+        rows.resize_with(film.height, Vec::new);
+        rows.iter_mut().zip(film.pixels.chunks_mut(width)).for_each(|(row, pixels)| row.push(pixels));
+    }
+    let row = |(y, pictures): (usize, Vec<&mut [Vec3]>)| {
+        let mut squares = vec![0.0; count];
+        let mut together = vec![Vec3::ZERO; if count > 1 { width } else { 0 }];
+        for (k, row) in pictures.into_iter().enumerate() {
             let changed = |x: usize, change: Vec3| {
-                if let Some(sum) = sum.get_mut(x) {
-                    *sum += change * radiance;
+                if let Some(sum) = together.get_mut(x) {
+                    *sum += change * radiances[k];
                 }
             };
-            self.row(y, row, &columns, index, (&height_mm, &veil), changed)
-        })
-        .sum()
-    }
+            let veil = |x: usize, y: usize| veil(k, x, y);
+            squares[k] = all[k].row(y, row, &columns, k, (&height_mm, &veil), changed);
+        }
+        if let [_, .., of_sum] = &mut squares[..] {
+            *of_sum = together.iter().map(|change| f64::from(change.length_squared())).sum();
+        }
+        squares
+    };
+    let by_row: Vec<Vec<f64>> = rows.into_par_iter().enumerate().map(row).collect();
+    (0..count).map(|k| by_row.iter().map(|squares| squares[k]).sum()).collect()
+}
 
+impl Gains<'_> {
     /// The cell before the middle of a pixel along x, and how far that is towards the next.
     fn across(&self, x: usize) -> (usize, f32) {
         let at = ((x as f32 + 0.5) / self.cell_px as f32 - 0.5).max(0.0);
