@@ -48,7 +48,7 @@ impl Args {
     pub fn run(self) -> Exit {
         match self.relight() {
             Ok(relit) if self.json => {
-                let mut document = serde_json::json!({ "out": self.out, "recolour_s": relit.seconds });
+                let mut document = serde_json::json!({ "out": self.out, "recolour_s": relit.seconds, "estimated_error": relit.estimated_error });
                 if let Some(fit) = relit.fit {
                     fit.warn();
                     fit.put_into(&mut document);
@@ -70,6 +70,9 @@ impl Args {
                     self.out.display(),
                     relit.seconds * 1e3
                 ));
+                if let Some(error) = relit.estimated_error {
+                    screen::result(format_args!("expected error: at most {:.2} %", 100.0 * error));
+                }
                 Exit::Done
             }
             Err(e) => {
@@ -80,7 +83,7 @@ impl Args {
     }
 
     fn relight(&self) -> Result<Relit, Error> {
-        let Contents { basis, mut radiances, camera, .. } = basis_folder::read(&self.folder)?;
+        let Contents { basis, mut radiances, errors, camera } = basis_folder::read(&self.folder)?;
         let camera = camera.as_ref();
         for (n, (name, radiance)) in self.lights.iter().enumerate() {
             if self.lights[..n].iter().any(|(before, _)| before == name) {
@@ -107,14 +110,30 @@ impl Args {
         let picture = basis.combine(&radiances);
         let seconds = start.elapsed().as_secs_f64();
         picture_file::write(&self.out, &picture, camera)?;
-        Ok(Relit { seconds, fit })
+        let estimated_error = errors.map(|errors| error_of_sum(&basis, &radiances, &errors));
+        Ok(Relit { seconds, estimated_error, fit })
     }
+}
+
+/// relRMSE of a sum, at most: errors of several lights may add up, and what is alike in all channels of white light is more of
+/// the mean where a colour has but one.
+fn error_of_sum(basis: &LightBasis, radiances: &[Vec3], errors: &[f64]) -> f64 {
+    let lights = basis.films.iter().zip(radiances).zip(errors);
+    let [mut whole, mut off] = [0.0; 2];
+    for ((film, radiance), error) in lights {
+        let mean = film.mean();
+        whole += f64::from((mean * *radiance).element_sum());
+        off += error * f64::from(mean.element_sum() * (radiance.length_squared() / 3.0).sqrt());
+    }
+    if whole > 0.0 { off / whole } else { 0.0 }
 }
 
 /// What was done.
 struct Relit {
     /// How long the sum took.
     seconds: f64,
+    /// relRMSE to expect of it, at most, where that of its parts is known.
+    estimated_error: Option<f64>,
     fit: Option<Fit>,
 }
 
@@ -241,6 +260,17 @@ mod tests {
     use crate::cli::render;
     use crate::optics::render_file::Mode;
     use clap::Parser;
+
+    #[test]
+    fn a_sum_is_off_by_no_more_than_its_parts_together_and_a_pure_colour_by_more_than_white() {
+        let film = |light: f32| Film { width: 1, height: 1, pixels: vec![Vec3::splat(light)] };
+        let basis = LightBasis { names: vec![String::new(); 2], films: vec![film(3.0), film(1.0)] };
+        let of = |radiances: [Vec3; 2]| error_of_sum(&basis, &radiances, &[0.01, 0.03]);
+        assert!((of([Vec3::ONE; 2]) - 0.015).abs() < 1e-9);
+        assert!((of([Vec3::ZERO, Vec3::splat(7.0)]) - 0.03).abs() < 1e-9);
+        assert!((of([2.0 * Vec3::X, Vec3::ZERO]) - 0.01 * 3f64.sqrt()).abs() < 1e-8);
+        assert_eq!(of([Vec3::ZERO; 2]), 0.0);
+    }
 
     #[test]
     fn colours_that_were_given_are_found_again_and_what_is_cut_off_does_not_count() {

@@ -38,8 +38,8 @@ pub struct Args {
     /// Samples per pixel (reference mode; 64 unless given)
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub spp: Option<u32>,
-    /// Error asked for (fast mode; 0.005 unless given). What the method leaves out does not shrink with work: under several
-    /// lights never less than 0.002 is stated, under one 0.004. To ask for less than 0.002 takes longer and is hardly nearer
+    /// Error asked for (fast mode; 0.005 unless given). What the method leaves out does not shrink with work: under four
+    /// even lights 0.002 is stated at the least, under one 0.004, under more less. To ask for less than 0.002 takes longer and is hardly nearer
     /// to the truth: --mode reference is
     #[arg(long, value_parser = options::tolerance)]
     pub tolerance: Option<f64>,
@@ -56,7 +56,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE", value_parser = picture_file::parse)]
     pub out: PathBuf,
     /// Render one picture a light and write them here; the picture is then made of them. Of the fast mode estimated_error
-    /// is that of their sum, basis_errors those of the pictures in turn
+    /// is that of their sum, of which the tolerance is asked, and basis_errors are those of the pictures in turn
     #[arg(long, value_name = "FOLDER")]
     pub basis: Option<PathBuf>,
     /// Print one JSON document with the seconds

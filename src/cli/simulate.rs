@@ -49,7 +49,8 @@ pub struct Args {
     #[arg(long)]
     pub render: bool,
     /// Render light by light, and write one picture a light (linear light, float32) of each capture to DIR/basis/<capture>,
-    /// for relight. 640 x 480 pixels take 3.7 MB a light and capture. An image of the untouched sensor that is worn is not
+    /// for relight. 640 x 480 pixels take 3.7 MB a light and capture. The tolerance is asked of their sum: what each alone may be off is told
+    /// in its basis.json. An image of the untouched sensor that is worn is not
     /// in them
     #[arg(long)]
     pub basis: bool,
@@ -210,7 +211,7 @@ impl Args {
 
 /// Whether a name is that of a capture.
 fn is_of_capture(name: &str) -> bool {
-    name.len() == 6 && name.parse::<u32>().is_ok()
+    name.len() == 6 && name.bytes().all(|digit| digit.is_ascii_digit())
 }
 
 /// The picture of the untouched sensor, in the camera's size.

@@ -92,8 +92,7 @@ fn read_camera(path: &Path) -> Result<Option<SensorCamera>, Error> {
 pub fn remove(folder: &Path) -> Result<(), Error> {
     let Ok(files) = std::fs::read_dir(folder) else { return Ok(()) };
     for path in files.flatten().map(|file| file.path()) {
-        let is_ours = path.extension().is_some_and(|ending| ending == "npy")
-            || path.file_name().is_some_and(|name| name == LIST || name == SENSOR);
+        let is_ours = path.file_name().and_then(|name| name.to_str()).is_some_and(is_of_basis);
         if is_ours {
             std::fs::remove_file(&path).map_err(|e| fault("remove", &path, &e))?;
         }
@@ -101,6 +100,12 @@ pub fn remove(folder: &Path) -> Result<(), Error> {
     // (What is not ours stays, and its folder.)
     let _ = std::fs::remove_dir(folder);
     Ok(())
+}
+
+/// Whether a file's name is one that [`write`] gives: the list's, the sensor's, or that of a numbered picture.
+fn is_of_basis(name: &str) -> bool {
+    let numbered = |name: &str| name.split_once('_').is_some_and(|(k, _)| k.parse::<usize>().is_ok());
+    name == LIST || name == SENSOR || (name.ends_with(".npy") && numbered(name))
 }
 
 /// Reads what [`write`] wrote.
@@ -170,6 +175,18 @@ fn fault(action: &'static str, path: &Path, reason: &impl ToString) -> Error {
 mod tests {
     use super::*;
     use crate::optics::sensor::ImageSpec;
+
+    #[test]
+    fn only_what_was_written_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let names = ["0_blue.npy", "12_.npy", LIST, SENSOR, "without_red.npy", "a_b.npy", "0_blue.png"];
+        for name in names {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        remove(folder.path()).unwrap();
+        let left = |name: &&str| folder.path().join(name).exists();
+        assert_eq!(names.into_iter().filter(left).collect::<Vec<_>>(), &names[4..]);
+    }
 
     #[test]
     fn a_folder_gives_back_what_was_written_and_names_what_it_lacks() {

@@ -285,7 +285,8 @@ impl Imager {
         Ok(imager)
     }
 
-    /// From now on a picture is made of one a light, which it brings along: it takes up to half as long again.
+    /// From now on a picture is made of one a light, which it brings along: it takes up to half as long again. (Untouched, the
+    /// reference mode then has noise of its own against the picture before, up to one code of a worn image.)
     pub fn light_by_light(mut self) -> Self {
         self.is_light_by_light = true;
         // What is kept was made otherwise.

@@ -80,8 +80,8 @@ impl MarkerSpec {
         for (axis, value) in self.offset_mm.iter().enumerate() {
             p.range(&format!("offset_mm[{axis}]"), *value, -100.0, 100.0, "mm");
         }
-        p.range("place_rms", self.place_rms, 0.0, 0.1, "of the pitch");
-        p.range("size_rms", self.size_rms, 0.0, 0.15, "of the diameter");
+        p.range("place_rms", self.place_rms, 0.0, 0.05, "of the pitch");
+        p.range("size_rms", self.size_rms, 0.0, 0.1, "of the diameter");
         p.range("faint_rms", self.faint_rms, 0.0, 0.3, "");
     }
 }
