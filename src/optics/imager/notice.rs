@@ -1,0 +1,88 @@
+//! What whoever uses an imager's pictures is told.
+
+use super::Background;
+
+/// What whoever uses the pictures should know.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Notice {
+    /// The fast mode cannot render this sensor: the reference mode does, far slower.
+    FellBack {
+        /// Why.
+        why: String,
+        /// Samples a pixel.
+        samples: u32,
+    },
+    /// The fast mode renders this sensor, but not this pad: the reference mode does, once.
+    PictureFellBack {
+        /// Why.
+        why: String,
+        /// Samples a pixel.
+        samples: u32,
+    },
+    /// No light shines.
+    Dark,
+    /// Much of the image of the untouched sensor is at an end of the scale.
+    BackgroundClipped {
+        /// Which part of its pixels.
+        part: f64,
+        /// Whether they are white, else black.
+        white: bool,
+    },
+    /// A picture may be worse than was asked for.
+    AboveTolerance {
+        /// relRMSE to expect.
+        estimated: f64,
+        /// relRMSE asked for.
+        tolerance: f64,
+    },
+}
+
+impl std::fmt::Display for Notice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Notice::FellBack { why, samples } => write!(
+                f,
+                "pictures are made in the reference mode, {samples} samples a pixel, which is slow: {why}. \
+                 An optics.samples above {samples} in the rig file takes more samples, and less noise"
+            ),
+            Notice::PictureFellBack { why, samples } => write!(
+                f,
+                "the picture is made in the reference mode, {samples} samples a pixel, which is slow: {why}. \
+                 An optics.samples above {samples} in the rig file takes more samples, and less noise"
+            ),
+            Notice::Dark => write!(
+                f,
+                "no light of the sensor shines, so its simulated pictures are black; give one an energy and a colour above 0"
+            ),
+            Notice::BackgroundClipped { part, white } => write!(
+                f,
+                "{:.0} % of the image of the untouched sensor is {}: nothing of the face shows there, in simulated \
+                 pictures either. Take it again with a {} exposure",
+                100.0 * part,
+                if *white { "white" } else { "black" },
+                if *white { "shorter" } else { "longer" }
+            ),
+            Notice::AboveTolerance { estimated, tolerance } => write!(
+                f,
+                "the picture's relRMSE is estimated at {:.2} %, above the {:.2} % asked for; \
+                 the reference mode has no such limit",
+                100.0 * estimated,
+                100.0 * tolerance
+            ),
+        }
+    }
+}
+
+/// What is to be said of an image whose pixels are white or black in all colours, from this part of them on.
+const MUCH: f64 = 0.25;
+
+/// What to say of an image of the untouched sensor, if anything.
+pub(super) fn clipped(image: &Background<'_>) -> Option<Notice> {
+    let part = |code: u8| {
+        let pixels = image.rgb.chunks_exact(3).filter(|p| p.iter().all(|c| *c == code));
+        pixels.count() as f64 / (image.width * image.height) as f64
+    };
+    let (black, white) = (part(0), part(u8::MAX));
+    let notice = Notice::BackgroundClipped { part: black.max(white), white: white > black };
+    (black.max(white) >= MUCH).then_some(notice)
+}
