@@ -41,6 +41,7 @@ pub mod probe;
 mod refinement;
 mod relief;
 pub mod resolution;
+mod shear;
 pub mod springs;
 pub mod stack;
 pub mod symmetry;
@@ -222,7 +223,8 @@ impl QuasiStaticSolver {
             return level.capture(indenter, nx, ny);
         };
         let mut capture = level.capture(indenter, mx * (nx - 1) + 1, my * (ny - 1) + 1)?;
-        let loads = level.loads();
+        // (A coating shears by itself.)
+        let (loads, grip) = (level.loads(), level.grip().filter(|_| self.pad.coating.is_none()));
         let splined = Splined {
             body: &self.pad,
             indenter,
@@ -230,6 +232,7 @@ impl QuasiStaticSolver {
             cell_mm,
             pressure: &|x, y| loads.at(x / size[0] + 0.5, y / size[1] + 0.5),
             force_n: capture.forces.normal_force_n,
+            grip: grip.as_ref(),
         };
         let shape = self.pad.shape;
         let pressed = |contact: &[bool]| contact.iter().filter(|c| **c).count() as f64;
@@ -240,7 +243,12 @@ impl QuasiStaticSolver {
         let relieved = relief.is_some();
         if let Some(relief) = relief.filter(|_| level.relief_tells(indenter)) {
             let part = relief.force_n / splined.force_n;
+            let more = level.trust_in_grip();
             capture.forces = capture.forces.times(part);
+            for (force_n, borne) in capture.forces.shear_force_n.iter_mut().zip(relief.borne.force_n) {
+                *force_n -= more * borne;
+            }
+            capture.forces.torque_n_mm -= more * relief.borne.torque_n_mm;
             capture.stats.base_reaction_n *= part;
             capture.stats.elastic_energy_n_mm *= part;
             let in_relief = level.error_in_relief(indenter, relief.misfit_mm);

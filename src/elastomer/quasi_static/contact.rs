@@ -18,11 +18,13 @@
 //! dragged far tears loose, and then slides as rubber does.
 
 mod friction;
+mod grip;
 mod patch;
 mod reach;
 mod side;
 
 use self::friction::{Anchor, FrictionLaw, SLIP_SOFTNESS, STICK_SOFTNESS};
+pub use self::grip::Grip;
 pub use self::patch::Loads;
 use self::reach::{Lattice, Window};
 use self::side::{Entry, Side};

@@ -3,7 +3,7 @@
 use super::super::{ContactForces, ElastomerCapture, Error, SolverStats, Surface};
 use super::body::Body;
 use super::chart::Chart;
-use super::contact::{Contacts, Loads};
+use super::contact::{Contacts, Grip, Loads};
 use super::frames::Frames;
 use super::grid::Grid;
 use super::layer::RestLayer;
@@ -596,6 +596,20 @@ impl Level {
     /// What presses the face.
     pub fn loads(&self) -> Loads {
         self.at.contacts.loads()
+    }
+
+    /// What holds the face along itself, where the indenter has gone along it and what sticks is whole, in part at least.
+    pub fn grip(&self) -> Option<Grip> {
+        let holds = self.at.contacts.holding() > 0.0 && !self.straight_down() && self.chart.is_none();
+        holds.then(|| self.at.contacts.grip(&self.at.pose))
+    }
+
+    /// How much the lattice of the relief has to say about what the grip bears, from 0 to 1: the more of a contact is rim, the more goes
+    /// by the few points there that hold on or slip. Found by experiment: turned by 15 degrees, six spheres (contacts of 1.1 to 2.3 mm in
+    /// radius), cylinder, torus, moon, dotted ring, triangle and hexagon take torques within 2.7 % of those over cells of 0.2 mm at
+    /// tolerances of 0.007 and finer, where the splines' own are up to 6.5 % off.
+    pub fn trust_in_grip(&self) -> f64 {
+        self.at.contacts.holding() * (1.0 - self.at.contacts.rim_part())
     }
 
     /// Refuses contact beside the pad or too close to its edge.

@@ -9,8 +9,12 @@
 //! gradient techniques"). That moves points along z only: the face of a nearly incompressible layer does not move along
 //! itself when it is pressed.
 
+mod grip;
+
+pub use self::grip::Borne;
 use super::body::Body;
 use super::compliance::Compliance;
+use super::contact::Grip;
 use crate::elastomer::Surface;
 use crate::indenter::Indenter;
 use crate::pose::Pose;
@@ -81,6 +85,8 @@ pub struct Splined<'a> {
     pub pressure: &'a (dyn Fn(f64, f64) -> f64 + Sync),
     /// The force of all of it, N.
     pub force_n: f64,
+    /// What holds the face along itself, where that is to be found anew.
+    pub grip: Option<&'a Grip>,
 }
 
 /// What a face in relief tells besides.
@@ -90,6 +96,8 @@ pub struct Relief {
     /// Root mean square of what heights may be off, but for a band at the contact's edge, mm; infinite where the body
     /// stands in the face beside what was looked at.
     pub misfit_mm: f64,
+    /// What the grip bears besides; nothing where that was not asked for or not found.
+    pub borne: Borne,
 }
 
 /// How many times finer than asked for the lattice has to be; nothing where it is too coarse to show what is finer than
@@ -183,8 +191,9 @@ impl Splined<'_> {
             true => f64::INFINITY,
             false => misfit_mm(&change, &pressure, window),
         };
+        let borne = self.grip.and_then(|grip| self.borne(grip, face, window, &pressure)).unwrap_or_default();
         self.lay(face, contact, window, &change, &under.at_body, &pressure);
-        Some(Relief { force_n, misfit_mm })
+        Some(Relief { force_n, misfit_mm, borne })
     }
 
     /// The splines' pressure at every point of the lattice, MPa.

@@ -136,6 +136,11 @@ impl Contacts {
         }
     }
 
+    /// The part of what sticks that has not torn loose, from 0 to 1; nothing with a friction coefficient.
+    pub fn holding(&self) -> f64 {
+        if self.sticks() { 1.0 - self.law.torn } else { 0.0 }
+    }
+
     /// Brings multipliers, anchors and friction bounds up to date after a round (counted from 1) at `pose`.
     ///
     /// What holds, what slips and how much each can bear depend on one another, and brought up to date for

@@ -72,7 +72,7 @@ impl Patch {
 
 /// Values in the middles of so many equal parts of a square.
 #[derive(Debug)]
-struct Field {
+pub(super) struct Field {
     /// Along x and y.
     size: [usize; 2],
     values: Vec<f64>,
@@ -81,7 +81,7 @@ struct Field {
 }
 
 impl Field {
-    fn new(size: [usize; 2], values: Vec<f64>, of_interest: impl Fn(f64) -> bool) -> Self {
+    pub(super) fn new(size: [usize; 2], values: Vec<f64>, of_interest: impl Fn(f64) -> bool) -> Self {
         let mut places = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
         for (k, _) in values.iter().enumerate().filter(|(_, v)| of_interest(**v)) {
             for (axis, at) in [k % size[0], k / size[0]].into_iter().enumerate() {
@@ -93,7 +93,7 @@ impl Field {
     }
 
     /// The bilinear interpolation at a place of the square; nothing where no value of interest has a part in it.
-    fn at(&self, place: [f64; 2]) -> Option<f64> {
+    pub(super) fn at(&self, place: [f64; 2]) -> Option<f64> {
         let [nx, _] = self.size;
         let within = |axis: usize| (self.places[axis][0]..=self.places[axis][1]).contains(&place[axis]);
         (within(0) && within(1)).then(|| {

@@ -210,3 +210,33 @@ fn during_a_solve_no_point_jumps_from_one_side_of_the_indenter_to_another() {
     }
     assert!(last.is_some_and(|force| force.z < -1.0), "{last:?}");
 }
+
+/// Torque, N mm, of a sphere that is pressed so deep into the usual pad and turned by 15 degrees, as captured on 201 x 201 points.
+fn turned(radius_mm: f64, depth_mm: f64, tolerance: f64) -> f64 {
+    let settings = Settings { tolerance, ..settings(Friction::Infinite) };
+    let start = Pose::new(0.0, 0.0, 1.0, 0.0);
+    let mut s = QuasiStaticSolver::new(&pad(Law::NeoHookean), &settings, Arc::new(Sphere(radius_mm)), &start)
+        .expect("settings are in range");
+    s.advance(&Pose::new(0.0, 0.0, -depth_mm, 0.0)).expect("an easy press");
+    s.advance(&Pose::new(0.0, 0.0, -depth_mm, 15.0)).expect("an easy turn");
+    -s.capture(201, 201).expect("a lattice").forces.torque_n_mm
+}
+
+#[test]
+fn a_turn_takes_the_same_torque_over_any_cells() {
+    // Over cells of 0.12 to 0.2 mm with friction that no traction overcomes, and on the lattice over cells of 0.2 mm.
+    for (radius_mm, depth_mm, tolerance, torque, within) in [
+        (4.0, 1.0, 0.01, 0.893, 0.03),
+        (4.0, 1.0, 0.005, 0.893, 0.02),
+        (4.0, 0.75, 0.01, 0.5645, 0.03),
+        (3.0, 1.0, 0.01, 0.531, 0.03),
+        (3.0, 0.5, 0.005, 0.1765, 0.03),
+        (2.0, 0.5, 0.005, 0.088, 0.03),
+    ] {
+        let found = turned(radius_mm, depth_mm, tolerance);
+        assert!(
+            (found / torque - 1.0).abs() < within,
+            "{radius_mm} mm, {depth_mm} deep at {tolerance}: {found} instead of {torque} N mm"
+        );
+    }
+}
