@@ -45,6 +45,7 @@ mod shear;
 pub mod springs;
 pub mod stack;
 pub mod symmetry;
+mod transforms;
 mod wakeful;
 pub mod waves;
 
@@ -224,7 +225,10 @@ impl QuasiStaticSolver {
         };
         let mut capture = level.capture(indenter, mx * (nx - 1) + 1, my * (ny - 1) + 1)?;
         // (A coating shears by itself.)
-        let (loads, grip) = (level.loads(), level.grip().filter(|_| self.pad.coating.is_none()));
+        let (loads, grip) = (
+            level.loads(),
+            level.grip().filter(|_| self.pad.coating.is_none() && level.relief_tells(indenter)),
+        );
         let splined = Splined {
             body: &self.pad,
             indenter,

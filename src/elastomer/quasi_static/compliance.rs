@@ -1,9 +1,9 @@
 //! How far the face of a bonded layer gives way under a pressure on it, wave by wave.
 
 use super::body::Body;
+use super::transforms::Transforms;
 use rayon::prelude::*;
-use rustfft::{Fft, FftPlanner, num_complex::Complex};
-use std::sync::Arc;
+use rustfft::num_complex::Complex;
 
 /// Beyond so many radians through the depth a layer is as good as a half-space, and below so many as one that is pressed
 /// everywhere.
@@ -23,12 +23,9 @@ const TAKES_OVER: f64 = 0.65;
 pub struct Compliance {
     /// Points along x and y.
     size: [usize; 2],
-    /// The same with as many again, so that nothing is felt around the corner.
-    padded: [usize; 2],
+    transforms: Transforms,
     /// mm per MPa of each wave, over the number of padded points; rows are waves along x, of which the first half tells the rest.
     of_wave: Vec<f32>,
-    forward: [Arc<dyn Fft<f32>>; 2],
-    back: [Arc<dyn Fft<f32>>; 2],
     /// Pairs of rows along x, the second of each as the imaginary part; and, by wave along x, columns along y.
     pairs: Vec<Complex<f32>>,
     waves: Vec<Complex<f32>>,
@@ -61,24 +58,11 @@ pub(super) fn of_layer(
     half_space / k * bonded
 }
 
-/// The next number without prime factors above 5: transforms of so many points are quick.
-pub(super) fn quick(n: usize) -> usize {
-    let rest = |n: usize| {
-        [2, 3, 5].iter().fold(n, |mut n, p| {
-            while n % p == 0 {
-                n /= p;
-            }
-            n
-        })
-    };
-    (n..).find(|n| rest(*n) == 1).unwrap_or(n)
-}
-
 impl Compliance {
     /// That of a pad, on a lattice of `size` points `spacing_mm` apart.
     pub fn new(body: &Body, size: [usize; 2], spacing_mm: [f64; 2]) -> Self {
-        let padded = size.map(|n| quick(2 * n));
-        let mut planner = FftPlanner::new();
+        let transforms = Transforms::around(size);
+        let padded = transforms.padded;
         // Radians a mm, and what is left of the compliance.
         let waves = [0, 1].map(|axis| {
             let n = padded[axis];
@@ -110,10 +94,8 @@ impl Compliance {
         });
         Self {
             size,
-            padded,
             of_wave,
-            forward: padded.map(|n| planner.plan_fft_forward(n)),
-            back: padded.map(|n| planner.plan_fft_inverse(n)),
+            transforms,
             pairs: vec![Complex::default(); padded[0] * size[1].div_ceil(2)],
             waves: vec![Complex::default(); half[0] * padded[1]],
         }
@@ -121,21 +103,21 @@ impl Compliance {
 
     /// The most that a wave gives way, mm per MPa.
     pub fn largest(&self) -> f32 {
-        let count = (self.padded[0] * self.padded[1]) as f32;
+        let count = self.transforms.padded.iter().product::<usize>() as f32;
         count * self.of_wave.iter().fold(0.0f32, |most, c| most.max(*c))
     }
 
     /// How far a point gives way under a pressure on it alone, mm per MPa.
     pub fn own(&self) -> f32 {
-        let [px, py] = self.padded;
+        let [px, py] = self.transforms.padded;
         let twice = |i: usize| if i == 0 || 2 * i == px { 1.0 } else { 2.0 };
         self.of_wave.chunks_exact(py).enumerate().map(|(i, row)| twice(i) * row.iter().sum::<f32>()).sum()
     }
 
     /// Displacements under pressures, mm and MPa, x running fastest; along the pressure.
     pub fn displacement(&mut self, pressure: &[f32], out: &mut [f32]) {
-        let ([nx, ny], [px, py]) = (self.size, self.padded);
-        let Self { of_wave, forward, back, pairs, waves, .. } = self;
+        let ([nx, ny], [px, py]) = (self.size, self.transforms.padded);
+        let Self { of_wave, transforms: Transforms { forward, back, .. }, pairs, waves, .. } = self;
         // Along x, two rows at once.
         pairs.par_chunks_exact_mut(px).zip(pressure.par_chunks(2 * nx)).for_each(|(pair, rows)| {
             let (re, im) = rows.split_at(nx);
@@ -268,7 +250,7 @@ mod tests {
         {
             let spacing = [0.12, 0.15];
             let mut layer = Compliance::new(&body, size, spacing);
-            assert_eq!(layer.padded, padded);
+            assert_eq!(layer.transforms.padded, padded);
             // What a point gives way that lies so far from the one that is pressed.
             let answer = |away: [usize; 2]| {
                 let turn = |n: usize, k: usize| 2.0 * std::f64::consts::PI * n as f64 / k as f64;

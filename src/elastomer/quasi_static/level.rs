@@ -600,7 +600,7 @@ impl Level {
 
     /// What holds the face along itself, where the indenter has gone along it and what sticks is whole, in part at least.
     pub fn grip(&self) -> Option<Grip> {
-        let holds = self.at.contacts.holding() > 0.0 && !self.straight_down() && self.chart.is_none();
+        let holds = self.trust_in_grip() > 0.0 && !self.straight_down() && self.chart.is_none();
         holds.then(|| self.at.contacts.grip(&self.at.pose))
     }
 

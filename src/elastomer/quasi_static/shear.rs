@@ -6,10 +6,10 @@
 //! differ by, turned twice as far as the wave.
 
 use super::body::Body;
-use super::compliance::{SHALLOW, of_layer, quick};
+use super::compliance::{SHALLOW, of_layer};
+use super::transforms::Transforms;
 use rayon::prelude::*;
-use rustfft::{Fft, FftPlanner, num_complex::Complex};
-use std::sync::Arc;
+use rustfft::num_complex::Complex;
 
 /// See [`super::compliance::Compliance`]'s. Found by experiment: discs with radii of 12 to 23 points, anywhere on the lattice, twisted
 /// on a half-space, take 16/3 G a^3 of torque a radian within 1.2 %, a by the points' area.
@@ -19,12 +19,9 @@ const EDGE: f64 = 0.05;
 pub struct ShearCompliance {
     /// Points along x and y.
     size: [usize; 2],
-    /// The same with as many again, so that nothing is felt around the corner.
-    padded: [usize; 2],
+    transforms: Transforms,
     /// m and d of each wave, mm per MPa over the number of padded points, by wave along x.
     of_wave: Vec<(f32, Complex<f32>)>,
-    forward: [Arc<dyn Fft<f32>>; 2],
-    back: [Arc<dyn Fft<f32>>; 2],
     rows: Vec<Complex<f32>>,
     waves: Vec<Complex<f32>>,
     answers: Vec<Complex<f32>>,
@@ -33,7 +30,8 @@ pub struct ShearCompliance {
 impl ShearCompliance {
     /// That of a pad without coating, on a lattice of `size` points `spacing_mm` apart.
     pub fn new(body: &Body, size: [usize; 2], spacing_mm: [f64; 2]) -> Self {
-        let padded = size.map(|n| quick(2 * n));
+        let transforms = Transforms::around(size);
+        let padded = transforms.padded;
         let (depth_mm, material) = (body.size_mm[2], &body.material);
         let (e, nu) = (material.youngs_modulus_mpa, material.poisson_ratio);
         let along_and_across = |k: f64| {
@@ -66,13 +64,10 @@ impl ShearCompliance {
                 (0.5 * (along + across) as f32, Complex::new(differ.re as f32, differ.im as f32))
             })
             .collect();
-        let mut planner = FftPlanner::new();
         Self {
             size,
-            padded,
             of_wave,
-            forward: padded.map(|n| planner.plan_fft_forward(n)),
-            back: padded.map(|n| planner.plan_fft_inverse(n)),
+            transforms,
             rows: vec![Complex::default(); padded[0] * size[1]],
             waves: vec![Complex::default(); padded[0] * padded[1]],
             answers: vec![Complex::default(); padded[0] * padded[1]],
@@ -81,8 +76,8 @@ impl ShearCompliance {
 
     /// Displacements under tractions, mm and MPa, x running fastest.
     pub fn displacement(&mut self, traction: &[Complex<f32>], out: &mut [Complex<f32>]) {
-        let ([nx, ny], [px, py]) = (self.size, self.padded);
-        let Self { of_wave, forward, back, rows, waves, answers, .. } = self;
+        let ([nx, ny], [px, py]) = (self.size, self.transforms.padded);
+        let Self { of_wave, transforms: Transforms { forward, back, .. }, rows, waves, answers, .. } = self;
         rows.par_chunks_exact_mut(px).zip(traction.par_chunks_exact(nx)).for_each(|(row, traction)| {
             row[..nx].copy_from_slice(traction);
             row[nx..].fill(Complex::default());
