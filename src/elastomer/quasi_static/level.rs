@@ -606,8 +606,8 @@ impl Level {
 
     /// How much the lattice of the relief has to say about what the grip bears, from 0 to 1: the more of a contact is rim, the more goes
     /// by the few points there that hold on or slip. Found by experiment: turned by 15 degrees, six spheres (contacts of 1.1 to 2.3 mm in
-    /// radius), cylinder, torus, moon, dotted ring, triangle and hexagon take torques within 2.7 % of those over cells of 0.2 mm at
-    /// tolerances of 0.007 and finer, where the splines' own are up to 6.5 % off.
+    /// radius), cylinder, torus, moon, dotted ring, triangle and hexagon take torques within 3.3 % (the triangle; others 2.2 %) of
+    /// those over cells of 0.2 mm at tolerances of 0.007 and finer, where the splines' own are up to 6.5 % off.
     pub fn trust_in_grip(&self) -> f64 {
         self.at.contacts.holding() * (1.0 - self.at.contacts.rim_part())
     }
