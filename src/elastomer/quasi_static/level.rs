@@ -585,12 +585,16 @@ impl Level {
 
     /// What the stopping leaves, relative to depth.
     fn unsettled_error(&self, indenter: &dyn Indenter, depth: f64, outcome: Outcome) -> f64 {
-        // Each side is wrong by half of what differs between them.
-        let askew = match self.straight_down() {
+        self.askew_mm(indenter) / depth + outcome.residual + FRICTION_TO_ERROR * self.at.unsettled
+    }
+
+    /// How far a face that should be mirrored is off on either side: half of what differs between them, mm. After a slide or a turn
+    /// nothing is known.
+    pub fn askew_mm(&self, indenter: &dyn Indenter) -> f64 {
+        match self.straight_down() {
             true => 0.5 * symmetry::lost_mm(self.grid(), &self.at.u, indenter, &self.at.pose),
             false => 0.0,
-        };
-        askew / depth + outcome.residual + FRICTION_TO_ERROR * self.at.unsettled
+        }
     }
 
     /// What presses the face.

@@ -13,24 +13,27 @@ const PROBES: u32 = 200;
 /// Difference of distances that is none, mm.
 const SAME_MM: f64 = 1e-6;
 
-/// Largest difference between the heights of mirrored control points of the face, mm; 0 where nothing is mirrored. The
-/// way to `pose` must have led straight down.
+/// Largest difference between the displacements of control points of the face and their mirror images, along any axis, mm; 0 where
+/// nothing is mirrored. The way to `pose` must have led straight down.
 pub fn lost_mm(grid: &Grid, u: &[f32], indenter: &dyn Indenter, pose: &Pose) -> f64 {
     if [pose.x_mm, pose.y_mm, pose.theta_deg] != [0.0; 3] {
         return 0.0;
     }
-    let cx = grid.cx();
-    let z = &u[grid.at(2, grid.layers() - 1)..][..grid.plane()];
-    let cy = z.len() / cx;
-    let [in_x, in_y] = mirrors(indenter);
+    let (cx, plane) = (grid.cx(), grid.plane());
+    let cy = plane / cx;
+    let mirrored = mirrors(indenter);
     let mut most = 0.0f32;
-    for (n, height) in z.iter().enumerate() {
-        let (i, j) = (n % cx, n / cx);
-        if in_x {
-            most = most.max((height - z[j * cx + cx - 1 - i]).abs());
-        }
-        if in_y {
-            most = most.max((height - z[(cy - 1 - j) * cx + i]).abs());
+    for axis in 0..3 {
+        let moved = &u[grid.at(axis, grid.layers() - 1)..][..plane];
+        for (n, along) in moved.iter().enumerate() {
+            let (i, j) = (n % cx, n / cx);
+            for (across, image) in [j * cx + cx - 1 - i, (cy - 1 - j) * cx + i].into_iter().enumerate() {
+                // What moves across the mirror moves the other way in it.
+                let sign = if across == axis { -1.0 } else { 1.0 };
+                if mirrored[across] {
+                    most = most.max((along - sign * moved[image]).abs());
+                }
+            }
         }
     }
     f64::from(most)
@@ -62,6 +65,15 @@ mod tests {
         assert_eq!(lost_mm(&grid, &u, &Sphere(1.0), &centred), 0.0);
         u[grid.at(2, grid.layers() - 1) + 3 * grid.cx() + 2] = 0.01;
         assert_eq!(lost_mm(&grid, &u, &Sphere(1.0), &centred), f64::from(0.01f32));
+        let mut u = vec![0.0; grid.field_len()];
+        // To either side of the middle, as the two sides of a body push.
+        let at = grid.at(0, grid.layers() - 1) + 3 * grid.cx();
+        (u[at + 2], u[at + grid.cx() - 3]) = (-0.01, 0.01);
+        let image = grid.at(0, grid.layers() - 1) + (grid.plane() / grid.cx() - 4) * grid.cx();
+        (u[image + 2], u[image + grid.cx() - 3]) = (-0.01, 0.01);
+        assert_eq!(lost_mm(&grid, &u, &Sphere(1.0), &centred), 0.0);
+        u[at + 2] = 0.01;
+        assert_eq!(lost_mm(&grid, &u, &Sphere(1.0), &centred), f64::from(0.02f32));
         // Beside the middle nothing is known.
         assert_eq!(lost_mm(&grid, &u, &Sphere(1.0), &Pose { x_mm: 1.0, ..centred }), 0.0);
     }
