@@ -220,15 +220,15 @@ impl QuasiStaticSolver {
         let (grid, size) = (level.grid(), self.pad.size_mm);
         let cell_mm = [grid.hx, grid.hy];
         let spacing = [size[0] / nx.saturating_sub(1) as f64, size[1] / ny.saturating_sub(1) as f64];
-        let Some([mx, my]) = relief::finer(spacing, cell_mm) else {
+        let Some(times) = relief::finer(spacing, cell_mm) else {
             return level.capture(indenter, nx, ny);
         };
-        let mut capture = level.capture(indenter, mx * (nx - 1) + 1, my * (ny - 1) + 1)?;
         // (A coating shears by itself.)
-        let (loads, grip) = (
-            level.loads(),
-            level.grip().filter(|_| self.pad.coating.is_none() && level.relief_tells(indenter)),
-        );
+        let tells = self.pad.coating.is_none() && level.relief_tells(indenter);
+        let grip = level.grip().filter(|_| tells);
+        let [mx, my] = grip.as_ref().map_or(times, |grip| relief::finer_to_hold(grip, [nx, ny], times));
+        let mut capture = level.capture(indenter, mx * (nx - 1) + 1, my * (ny - 1) + 1)?;
+        let loads = level.loads();
         let splined = Splined {
             body: &self.pad,
             indenter,

@@ -11,7 +11,7 @@
 
 mod grip;
 
-pub use self::grip::Borne;
+pub use self::grip::{Borne, finer_to_hold};
 use super::body::Body;
 use super::compliance::Compliance;
 use super::contact::Grip;

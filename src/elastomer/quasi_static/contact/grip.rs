@@ -43,6 +43,11 @@ const NEAR: f64 = 1.0;
 const FAR: f64 = 4.0;
 
 impl Grip {
+    /// What part of the face holds.
+    pub fn part(&self) -> f64 {
+        self.holds.iter().flatten().count() as f64 / self.holds.len() as f64
+    }
+
     /// Traction at a place given as parts of the face's sides, 0 to 1, MPa.
     pub fn traction(&self, x: f64, y: f64) -> DVec2 {
         let [along_x, along_y] = [0, 1].map(|axis: usize| self.traction[axis].at([x, y]).unwrap_or(0.0));

@@ -17,6 +17,17 @@ use rustfft::num_complex::Complex;
 /// Iterations; a tenth of them is usual.
 const MOST_ITERATIONS: u32 = 200;
 
+/// Points that hold, at least, where that takes no lattice more than twice as fine: by a ring of points more or less, the torque of a disc of
+/// 300 points goes by 9 %, and that of one of 900 by 4 %.
+const LEAST_HOLDING: f64 = 1500.0;
+
+/// How many times finer than asked for the lattice has to be for this grip, which a face in relief wants to be so many times finer.
+pub fn finer_to_hold(grip: &Grip, asked: [usize; 2], times: [usize; 2]) -> [usize; 2] {
+    let points = asked[0] * times[0] * asked[1] * times[1];
+    let few = grip.part() * (points as f64) < LEAST_HOLDING;
+    times.map(|times| if few { 2 * times } else { times })
+}
+
 /// How much more is borne on the lattice than by the splines, on the face.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Borne {
