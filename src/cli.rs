@@ -33,8 +33,9 @@ mod stop;
 mod stress;
 mod verify;
 
-use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 use exit::Exit;
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 /// Collects paired real and simulated tactile images: drives the bench, runs the twin, stores both.
@@ -75,20 +76,37 @@ enum Command {
     Replay(replay::Args),
 }
 
-/// Options take a number below 0 for a value, so that whoever checks it tells what is allowed; else it would be taken for an option
-/// that there is not.
-fn with_negative_numbers(command: clap::Command) -> clap::Command {
-    let command = command.mut_args(|arg| match arg.get_action().takes_values() && !arg.is_positional() {
-        true => arg.allow_negative_numbers(true),
-        false => arg,
-    });
-    command.mut_subcommands(with_negative_numbers)
+/// Arguments with each value that begins as a number below 0 joined to its option, as in `--z=-.5`: so that whoever checks the value
+/// tells what is allowed; alone it would be taken for an option that there is not.
+fn joined(arguments: impl Iterator<Item = OsString>) -> Vec<OsString> {
+    let mut joined: Vec<OsString> = Vec::new();
+    for argument in arguments {
+        let below = argument.to_str().is_some_and(begins_below_0);
+        let option = |last: &OsString| {
+            last.to_str().is_some_and(|t| t.len() > 2 && t.starts_with("--") && !t.contains('='))
+        };
+        match joined.last_mut().filter(|last| below && option(last)) {
+            Some(last) => {
+                last.push("=");
+                last.push(argument);
+            }
+            None => joined.push(argument),
+        }
+    }
+    joined
+}
+
+/// Whether this is, or begins with, a number below 0: `-1`, `-.5`, `-1x5`, `-inf`, `-nan`.
+fn begins_below_0(argument: &str) -> bool {
+    argument.strip_prefix('-').is_some_and(|rest| {
+        rest.trim_start_matches('.').starts_with(|c: char| c.is_ascii_digit())
+            || ["inf", "infinity", "nan"].iter().any(|word| rest.eq_ignore_ascii_case(word))
+    })
 }
 
 /// Parses the arguments, runs the subcommand, and turns its ending into an exit code.
 pub fn main() -> ExitCode {
-    let cli = Cli::from_arg_matches(&with_negative_numbers(Cli::command()).get_matches())
-        .unwrap_or_else(|error| error.exit());
+    let cli = Cli::parse_from(joined(std::env::args_os()));
     start_logging();
     let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
         Ok(runtime) => runtime,
@@ -135,4 +153,25 @@ fn start_logging() {
         .with_writer(screen::log)
         .with_ansi(console::colors_enabled_stderr())
         .init();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_below_0_is_the_options_before_it_and_nothing_else_is() {
+        let after = |arguments: &str| {
+            let joined = joined(arguments.split(' ').map(OsString::from));
+            joined.iter().map(|a| a.to_string_lossy()).collect::<Vec<_>>().join(" ")
+        };
+        assert_eq!(after("move rig --z -.5 --home"), "move rig --z=-.5 --home");
+        assert_eq!(after("render --size -1x5 --json -o"), "render --size=-1x5 --json -o");
+        assert_eq!(after("render --tolerance -inf"), "render --tolerance=-inf");
+        for unchanged in
+            ["a --z=-1 -2", "a --json --help", "a -- -1", "a -1", "a --set -x.y=1", "a --out -infile"]
+        {
+            assert_eq!(after(unchanged), unchanged);
+        }
+    }
 }

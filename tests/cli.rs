@@ -532,7 +532,7 @@ fn what_optics_cannot_do_is_refused_before_the_work() {
     let at = |name: &str| folder.path().join(name).to_str().expect("a path").to_owned();
     let (out, nowhere, file) = (at("a.npy"), at("none/a.npy"), at("file"));
     std::fs::write(&file, "").expect("a file");
-    let cases: [(&[&str], &str); 15] = [
+    let cases: [(&[&str], &str); 19] = [
         (&["render", SCENE, "--out", &out, "--tolerance", "0.01"], "--mode fast"),
         (&["render", SCENE, "--out", &out, "--mode", "fast", "--seed", "3"], "--mode reference"),
         (&["render", SCENE, "--out", &out, "--mode", "fast", "--spp", "3"], "--mode reference"),
@@ -541,8 +541,18 @@ fn what_optics_cannot_do_is_refused_before_the_work() {
             &["render", SCENE, "--out", &out, "--mode", "fast", "--tolerance", "-1"],
             "'-1' for '--tolerance <TOLERANCE>': a tolerance is from 0.0001 to 0.5",
         ),
-        (&["render", SCENE, "--out", &out, "--spp", "-1"], "-1 is not in 1..=1000000"),
-        (&["bench", "optics", "--judge-spp", "-3"], "-3 is not in 2..=65536"),
+        (
+            &["render", SCENE, "--out", &out, "--mode", "fast", "--tolerance", "-.5"],
+            "'-.5' for '--tolerance <TOLERANCE>': a tolerance is from 0.0001 to 0.5",
+        ),
+        (&["render", SCENE, "--out", &out, "--spp", "-1"], "\"-1\" is not a whole number from 1 to 1000000"),
+        (
+            &["render", SCENE, "--out", &out, "--spp", "1e3"],
+            "\"1e3\" is not a whole number from 1 to 1000000",
+        ),
+        (&["render", SCENE, "--out", &out, "--seed", "9e9"], "from 0 to 4294967295"),
+        (&["render", SCENE, "--out", &out, "--size", "-1x5"], "\"-1x5\" is no raster"),
+        (&["bench", "optics", "--judge-spp", "-3"], "\"-3\" is not a whole number from 2 to 65536"),
         (&["collect", VIRTUAL, SMALL, "--out", &out, "--speed", "-2"], "speed from 0.1 to 1000"),
         (&["render", SCENE, "--out", &out, "--size", "0x4"], "1 to 16384"),
         (&["render", SCENE, "--out", &nowhere], "cannot write"),

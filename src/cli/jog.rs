@@ -41,13 +41,13 @@ pub struct Args {
     #[command(flatten)]
     pub rig: RigOptions,
     /// First step size, mm
-    #[arg(long, default_value_t = 0.1, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 0.1)]
     pub step: f64,
     /// Feed along lines, mm/s
-    #[arg(long, default_value_t = 2.0, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 2.0)]
     pub feed: f64,
     /// Feed of the rotation, deg/s
-    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 10.0)]
     pub turn: f64,
     /// Allow heights below the nominal contact
     #[arg(long)]

@@ -21,22 +21,22 @@ pub struct Args {
     #[command(flatten)]
     pub rig: RigOptions,
     /// To the right in the image, mm
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long)]
     pub x: Option<f64>,
     /// Down in the image, mm
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long)]
     pub y: Option<f64>,
     /// Height of the tip above the nominal contact, mm
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long)]
     pub z: Option<f64>,
     /// Rotation, clockwise in the image, degrees
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long)]
     pub theta: Option<f64>,
     /// Feed along lines, mm/s
-    #[arg(long, default_value_t = 2.0, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 2.0)]
     pub feed: f64,
     /// Feed of the rotation, deg/s
-    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 10.0)]
     pub turn: f64,
     /// Home first if the position is not known
     #[arg(long)]

@@ -2,8 +2,10 @@
 
 use crate::optics::fast::TOLERANCES;
 use clap::Args;
+use std::fmt::Display;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
+use std::str::FromStr;
 
 /// A rig file with overrides.
 #[derive(Debug, Clone, Args)]
@@ -49,6 +51,19 @@ pub fn raster(text: &str, allowed: RangeInclusive<usize>) -> Result<[usize; 2], 
         let (least, most) = (allowed.start(), allowed.end());
         format!("{text:?} is no raster; write WIDTHxHEIGHT with {least} to {most} each, e.g. 320x240")
     })
+}
+
+/// A whole number from a range.
+pub fn whole<T>(
+    allowed: RangeInclusive<T>,
+) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static
+where
+    T: FromStr + PartialOrd + Display + Clone + Send + Sync + 'static,
+{
+    move |text| match text.parse() {
+        Ok(n) if allowed.contains(&n) => Ok(n),
+        _ => Err(format!("{text:?} is not a whole number from {} to {}", allowed.start(), allowed.end())),
+    }
 }
 
 /// A relRMSE that the fast optics may be asked for: the range of a rig file's optics.tolerance.

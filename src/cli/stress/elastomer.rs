@@ -8,7 +8,7 @@
 //! shows all its checks. A sweep that is stopped shows what has ended until then.
 
 use crate::cli::exit::Exit;
-use crate::cli::{screen, signals};
+use crate::cli::{options, screen, signals};
 use crate::trial::stress::{self, Body, Case, Family, Judgement, Verdict, case};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -25,22 +25,22 @@ use tokio::sync::watch;
 )]
 pub struct Args {
     /// How many cases; the first of any number are the same
-    #[arg(long, default_value_t = 330, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, default_value_t = 330, value_parser = options::whole(1..=100_000))]
     pub cases: u32,
     /// Another seed draws other cases
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = options::whole(0..=u64::MAX))]
     pub seed: u64,
     /// Run this case alone, with all its checks
-    #[arg(long)]
+    #[arg(long, value_parser = options::whole(0..=u32::MAX))]
     pub only: Option<u32>,
     /// Of the cases run only this family (press, slide, turn, layer, finer, mirror, repeat, cycles, border, scale, shape, explicit, long, hostile)
     #[arg(long, value_parser = family)]
     pub family: Option<Family>,
     /// Cases beside each other [default: one for each core]
-    #[arg(long)]
+    #[arg(long, value_parser = options::whole(1..=1024))]
     pub jobs: Option<usize>,
     /// Processor time after which a case hangs, s
-    #[arg(long, default_value_t = 180, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    #[arg(long, default_value_t = 180, value_parser = options::whole(1..=86_400))]
     pub limit_s: u64,
     /// Print one JSON document
     #[arg(long)]
