@@ -593,7 +593,7 @@ impl Level {
 
     /// How far a face that should be mirrored is off on either side: half of what differs between them, mm. After a slide or a turn
     /// nothing is known.
-    pub fn askew_mm(&self, indenter: &dyn Indenter) -> f64 {
+    fn askew_mm(&self, indenter: &dyn Indenter) -> f64 {
         match self.straight_down() {
             true => 0.5 * symmetry::lost_mm(self.grid(), &self.at.u, indenter, &self.at.pose),
             false => 0.0,

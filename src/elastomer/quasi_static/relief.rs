@@ -66,7 +66,8 @@ const MISSED_MM: f64 = 0.01;
 /// that part over the rest. Found by experiment: as the edges of a square of 41 points go from one point to the next, its force
 /// over its width stays within 0.7 %; without it, within 2.5 %.
 const SOFT: f64 = 1.5;
-/// Places in a quarter of a point's surroundings that are looked at, and a power of two. None shares its column or row with another, but for mirror images, so that an edge along the lattice is found to a sixteenth of the way between points.
+/// Places in a quarter of a point's surroundings that are looked at; a power of two. None shares its column or row with another, but
+/// for its mirror images, so that an edge along the lattice is found to a sixteenth of the way between points.
 const PLACES: u32 = 8;
 /// A smaller part of its surroundings is none.
 const LEAST_PART: f64 = 0.03;
