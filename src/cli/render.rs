@@ -36,7 +36,7 @@ pub struct Args {
     #[arg(long, default_value = "reference", value_parser = parse_mode)]
     pub mode: Mode,
     /// Samples per pixel (reference mode; 64 unless given)
-    #[arg(long, value_parser = options::whole(1..=1_000_000))]
+    #[arg(long, value_parser = options::whole::<u32>(1..=1_000_000))]
     pub spp: Option<u32>,
     /// Error asked for (fast mode; 0.005 unless given). What the method leaves out does not shrink with work: under four
     /// even lights 0.002 is stated at the least, under one 0.004, under more less. To ask for less than 0.002 takes longer and is hardly nearer
@@ -47,7 +47,7 @@ pub struct Args {
     #[arg(long, value_name = "WxH", value_parser = |text: &str| options::raster(text, 1..=16_384))]
     pub size: Option<[usize; 2]>,
     /// Render this many times
-    #[arg(long, default_value_t = 1, value_parser = options::whole(1..=10_000))]
+    #[arg(long, default_value_t = 1, value_parser = options::whole::<u32>(1..=10_000))]
     pub repeat: u32,
     /// Seed of the samples (reference mode; 0 unless given)
     #[arg(long, value_parser = options::whole(0..=u32::MAX))]

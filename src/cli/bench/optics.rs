@@ -30,7 +30,7 @@ pub struct Args {
     #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = |text: &str| options::raster(text, 8..=4096))]
     pub size: [usize; 2],
     /// Samples a pixel of each of the two judging pictures
-    #[arg(long, default_value_t = 64, value_parser = options::whole(2..=65_536))]
+    #[arg(long, default_value_t = 64, value_parser = options::whole::<u32>(2..=65_536))]
     pub judge_spp: u32,
     /// Measure the fast mode's error in hard cases instead: all, or those whose name contains this
     #[arg(long, value_name = "WHICH", num_args = 0..=1, default_missing_value = "")]

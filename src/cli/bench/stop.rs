@@ -23,7 +23,7 @@ use witness::{Fault, Witness};
 #[command(after_help = "Examples:\n  twinrig bench stop\n  twinrig bench stop --stops 500 --json")]
 pub struct Args {
     /// Stops for each of the three states of the ports
-    #[arg(long, default_value_t = 200, value_parser = options::whole(1..=100_000))]
+    #[arg(long, default_value_t = 200, value_parser = options::whole::<u32>(1..=100_000))]
     pub stops: u32,
     /// Rig file whose arm and stage are used
     #[arg(long, default_value = "rig_configs/virtual.toml")]

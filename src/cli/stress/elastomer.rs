@@ -25,7 +25,7 @@ use tokio::sync::watch;
 )]
 pub struct Args {
     /// How many cases; the first of any number are the same
-    #[arg(long, default_value_t = 330, value_parser = options::whole(1..=100_000))]
+    #[arg(long, default_value_t = 330, value_parser = options::whole::<u32>(1..=100_000))]
     pub cases: u32,
     /// Another seed draws other cases
     #[arg(long, default_value_t = 1, value_parser = options::whole(0..=u64::MAX))]
@@ -37,10 +37,10 @@ pub struct Args {
     #[arg(long, value_parser = family)]
     pub family: Option<Family>,
     /// Cases beside each other [default: one for each core]
-    #[arg(long, value_parser = options::whole(1..=1024))]
+    #[arg(long, value_parser = options::whole::<usize>(1..=1024))]
     pub jobs: Option<usize>,
     /// Processor time after which a case hangs, s
-    #[arg(long, default_value_t = 180, value_parser = options::whole(1..=86_400))]
+    #[arg(long, default_value_t = 180, value_parser = options::whole::<u64>(1..=86_400))]
     pub limit_s: u64,
     /// Print one JSON document
     #[arg(long)]
