@@ -32,6 +32,7 @@ mod ground;
 mod horizon;
 mod lanes;
 mod lookout;
+mod mirrored;
 mod nodes;
 mod packed;
 mod parted;
@@ -63,6 +64,7 @@ use glam::{Vec2, Vec3};
 use glow::Glow;
 use grid::{Grid, Layout};
 use horizon::Heights;
+use mirrored::Mirrored;
 use plate::Slab;
 use radiosity::Radiosity;
 pub use renderer::Renderer;
@@ -230,7 +232,13 @@ impl Precomputed {
         let tables = Tables {
             echo,
             direct: tables::direct(&sources, slab.as_ref(), &direct_layout, rest),
-            probes: probes::gather(&world, &solved, &probe_layout, rest),
+            probes: probes::gather(
+                &world,
+                &Mirrored::new(&world, &lamps, slab),
+                &solved,
+                &probe_layout,
+                rest,
+            ),
             skylines: skyline::gather(&world, &solved, &probe_layout, rest),
             fixed,
             fixed_lights,

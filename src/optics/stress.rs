@@ -406,6 +406,12 @@ fn extremes(cases: &mut Vec<Case>) {
     cases.push(case("the pad reaches into the plate", Due::Refusal, |s| {
         Trial::new(Variant::B, Press::Punch, s.size, LATTICE)
     }));
+    cases.push(case("the lamps stand between pad and plate", Due::Picture, |s| {
+        Ok(Trial::new(Variant::B, Press::Sphere, s.size, LATTICE)?.changed(|s| {
+            let plates = s.surfaces.iter_mut().filter(|s| s.role == Role::Plate);
+            plates.flat_map(|s| &mut Arc::make_mut(&mut s.mesh).positions).for_each(|p| p.z += 5.5);
+        }))
+    }));
     cases.push(case("the camera is inside the plate", Due::Refusal, |s| {
         Ok(Trial::new(Variant::B, Press::Sphere, s.size, LATTICE)?.changed(|s| s.camera.origin.z = 2.5))
     }));

@@ -73,8 +73,9 @@ const PROFILE_ERROR: f64 = 0.007;
 const SIDED_ERROR: f64 = 0.006;
 /// It counts as before the light at least this part of the pad.
 const LEAST_FACED: f64 = 0.02;
-/// What walls lose each time they send light on.
-const LOST_ERROR: f64 = 2e-4;
+/// What walls lose each time they send light on. Found by experiment: between walls of 0.95 over a coat of 0.9 a picture is 0.37 % too
+/// dark after 8 events and 0.67 % after 64.
+const LOST_ERROR: f64 = 4e-4;
 /// Part of the bounce that is wrong or left out.
 const BOUNCE_ERROR: f64 = 0.2;
 /// Part of what the press changes in the light on walls and lamps in the view that is wrong or left out.

@@ -29,6 +29,17 @@ pub struct Slab {
     pub ior: f32,
 }
 
+/// How a point below is seen mirrored from below.
+#[derive(Debug, Clone, Copy)]
+pub struct Image {
+    /// The unit vector in the direction in which it appears.
+    pub direction: Vec3,
+    /// Part of its radiance that arrives.
+    pub reflected: f32,
+    /// Solid angle filled by a square millimetre that faces the way there.
+    pub angle_per_mm2: f32,
+}
+
 /// How a point above is seen from below.
 #[derive(Debug, Clone, Copy)]
 pub struct Sighted {
@@ -181,6 +192,28 @@ impl Slab {
         let transmitted = (1.0 - face) * (1.0 - face) * face.powi(2 * order as i32);
         let ahead = if r > 0.0 { flat / r } else { Vec2::X };
         Sighted { offset: (ahead * x).extend(1.0), transmitted }
+    }
+
+    /// How a point `y` below appears from a point `p` below: by the lower face (`order` 0), or after so many reflections at the upper one.
+    pub fn image(&self, p: Vec3, y: Vec3, order: usize) -> Image {
+        let n2 = self.ior * self.ior;
+        let flat = (y - p).truncate();
+        let r = flat.length();
+        let air = (2.0 * self.low - p.z - y.z).max(1e-4);
+        let glass = self.glass() * (2 * order) as f32;
+        let x = self.tangent(r, air, glass);
+        let cos = 1.0 / (1.0 + x * x).sqrt();
+        let face = fresnel(cos, self.ior);
+        let reflected = match order {
+            0 => face,
+            _ => (1.0 - face) * (1.0 - face) * face.powi(2 * order as i32 - 1),
+        };
+        // The way ahead is r(x): a ring of directions about z fills x cos^3 dx, and x dx / (r dr) of a level one where it ends.
+        let root = (n2 + (n2 - 1.0) * x * x).sqrt();
+        let slope = air + glass * n2 / (root * root * root);
+        let narrows = if r > 1e-6 { x / r } else { 1.0 / (air + glass / self.ior) };
+        let ahead = if r > 0.0 { flat * (x / r) } else { Vec2::ZERO };
+        Image { direction: ahead.extend(1.0) * cos, reflected, angle_per_mm2: cos * cos * narrows / slope }
     }
 
     /// Whether the point is below the plate.

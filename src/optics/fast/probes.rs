@@ -6,6 +6,7 @@
 
 use super::grid::{Grid, Layout, Places};
 use super::lanes::{Eight, Vectors};
+use super::mirrored::Mirrored;
 use super::radiosity::Radiosity;
 use super::world::World;
 use crate::optics::sampler::hash;
@@ -81,12 +82,14 @@ fn change_of(numbers: &[Eight; NUMBERS], n: Vec3) -> Vectors {
 /// Gathers the field over a rectangle, for each light of radiance 1.
 pub fn gather(
     world: &World,
+    mirrored: &Mirrored<'_>,
     solved: &Radiosity,
     layout: &Layout,
     rest: impl Fn(Vec2) -> f32 + Sync,
 ) -> Vec<Grid<NUMBERS>> {
     let places = Places::new(layout, rest);
-    let (directions, kernel) = looks(places.is_curved());
+    let fit = Fit::new(places.is_curved());
+    let (directions, kernel) = fit.looks();
     let nodes: Vec<Vec<[f32; NUMBERS]>> = (0..places.count())
         .into_par_iter()
         .map(|node| {
@@ -96,15 +99,8 @@ pub fn gather(
             let mut sums = vec![Vec4::ZERO; TERMS * solved.vectors];
             for (k, (direction, weights)) in directions.iter().zip(&kernel).enumerate() {
                 let mut dice = hash(node as u32, k as u32);
-                let Some((met, clear)) = world.follow(origin, *direction, &mut dice) else { continue };
-                // A light below the plate is mirrored in it; one above is seen through it, which is direct light.
-                if let Some(light) = met.light
-                    && (clear && met.front && world.below(met.hit.point))
-                {
-                    for (k, number) in numbers[light].iter_mut().enumerate() {
-                        *number += weights[k / 3];
-                    }
-                }
+                // (A light itself is direct light, and mirrored it is looked at below.)
+                let Some((met, _)) = world.follow(origin, *direction, &mut dice) else { continue };
                 let radiances = solved.radiances(met.element);
                 for (sums, weight) in sums.chunks_exact_mut(radiances.len()).zip(weights) {
                     for (sum, radiance) in sums.iter_mut().zip(radiances) {
@@ -112,6 +108,12 @@ pub fn gather(
                     }
                 }
             }
+            mirrored.seen(origin, |light, direction, weight| {
+                let weights = fit.weights(direction);
+                for (k, number) in numbers[light].iter_mut().enumerate() {
+                    *number += weights[k / 3] * weight;
+                }
+            });
             for (light, numbers) in numbers.iter_mut().enumerate() {
                 for term in 0..TERMS {
                     let sum = solved.of_light(&sums[term * solved.vectors..], light);
@@ -151,9 +153,7 @@ pub fn grey(grid: &Grid<NUMBERS>) -> Option<Grid<TERMS>> {
 
 /// Directions to look into, and what radiance 1 from each adds to each term.
 pub fn looks(curved: bool) -> (Vec<Vec3>, Vec<[f32; TERMS]>) {
-    let directions = sphere(RAYS);
-    let kernel = kernel(&directions, HALF_WEIGHT[usize::from(curved)]);
-    (directions, kernel)
+    Fit::new(curved).looks()
 }
 
 /// How far above the untouched face the lowest nodes are, mm.
@@ -173,54 +173,66 @@ fn sphere(n: usize) -> Vec<Vec3> {
         .collect()
 }
 
-/// What radiance 1 from each direction adds to each term: the least-squares fit, worked out once.
-fn kernel(directions: &[Vec3], half_weight: f64) -> Vec<[f32; TERMS]> {
-    let mut normals = vec![(Vec3::Z, 1.0)];
-    for ring in 1..=8 {
-        let tilt = STEEPEST * f64::from(ring) / 8.0;
-        let weight = 1.0 / (1.0 + (tilt / half_weight).powi(2));
-        for k in 0..12 {
-            let phi = std::f64::consts::TAU * (f64::from(k) + 0.5 * f64::from(ring % 2)) / 12.0;
-            let n = DVec3::new(tilt.sin() * phi.cos(), tilt.sin() * phi.sin(), tilt.cos());
-            normals.push((n.as_vec3(), weight));
-        }
-    }
-    // (sum w t t^T) c = sum w t E(n): the matrix is inverted, the right side is linear in the radiances.
-    let mut matrix = [[0.0f64; TERMS]; TERMS];
-    for (n, w) in &normals {
-        let t = terms(*n);
-        for a in 0..TERMS {
-            for b in 0..TERMS {
-                matrix[a][b] += w * f64::from(t[a]) * f64::from(t[b]);
+/// The least-squares fit, worked out once: what a normal's irradiance adds to each term.
+struct Fit {
+    by_normal: Vec<(Vec3, [f64; TERMS])>,
+}
+
+impl Fit {
+    /// Of the normals that even or curved pads have.
+    fn new(curved: bool) -> Self {
+        let half_weight = HALF_WEIGHT[usize::from(curved)];
+        let mut normals = vec![(Vec3::Z, 1.0)];
+        for ring in 1..=8 {
+            let tilt = STEEPEST * f64::from(ring) / 8.0;
+            let weight = 1.0 / (1.0 + (tilt / half_weight).powi(2));
+            for k in 0..12 {
+                let phi = std::f64::consts::TAU * (f64::from(k) + 0.5 * f64::from(ring % 2)) / 12.0;
+                let n = DVec3::new(tilt.sin() * phi.cos(), tilt.sin() * phi.sin(), tilt.cos());
+                normals.push((n.as_vec3(), weight));
             }
         }
-    }
-    let inverse = invert(matrix);
-    let rows: Vec<[f64; TERMS]> = normals
-        .iter()
-        .map(|(n, w)| {
+        // (sum w t t^T) c = sum w t E(n): the matrix is inverted, the right side is linear in the radiances.
+        let mut matrix = [[0.0f64; TERMS]; TERMS];
+        for (n, w) in &normals {
             let t = terms(*n);
-            std::array::from_fn(|a| w * (0..TERMS).map(|b| inverse[a][b] * f64::from(t[b])).sum::<f64>())
-        })
-        .collect();
-    let solid_angle = 4.0 * std::f64::consts::PI / directions.len() as f64;
-    directions
-        .iter()
-        .map(|d| {
-            let mut out = [0.0; TERMS];
-            for ((n, _), row) in normals.iter().zip(&rows) {
-                let cos = f64::from(n.dot(*d).max(0.0)) * solid_angle;
-                for a in 0..TERMS {
-                    out[a] += row[a] * cos;
+            for a in 0..TERMS {
+                for b in 0..TERMS {
+                    matrix[a][b] += w * f64::from(t[a]) * f64::from(t[b]);
                 }
             }
-            // Exact for the untouched face, which most of a picture shows.
-            let upright = terms(Vec3::Z);
-            let fitted: f64 = (0..TERMS).map(|a| out[a] * f64::from(upright[a])).sum();
-            out[0] += f64::from(d.z.max(0.0)) * solid_angle - fitted;
-            out.map(|v| v as f32)
-        })
-        .collect()
+        }
+        let inverse = invert(matrix);
+        let row = |n: Vec3, w: f64| {
+            let t = terms(n);
+            std::array::from_fn(|a| w * (0..TERMS).map(|b| inverse[a][b] * f64::from(t[b])).sum::<f64>())
+        };
+        Self { by_normal: normals.into_iter().map(|(n, w)| (n, row(n, w))).collect() }
+    }
+
+    /// Evenly spread directions, and what radiance 1 from each adds to each term.
+    fn looks(&self) -> (Vec<Vec3>, Vec<[f32; TERMS]>) {
+        let directions = sphere(RAYS);
+        let solid_angle = (4.0 * std::f64::consts::PI / directions.len() as f64) as f32;
+        let kernel = directions.iter().map(|d| self.weights(*d).map(|w| w * solid_angle)).collect();
+        (directions, kernel)
+    }
+
+    /// What radiance over solid angle from a direction adds to each term.
+    fn weights(&self, d: Vec3) -> [f32; TERMS] {
+        let mut out = [0.0; TERMS];
+        for (n, row) in &self.by_normal {
+            let cos = f64::from(n.dot(d).max(0.0));
+            for a in 0..TERMS {
+                out[a] += row[a] * cos;
+            }
+        }
+        // Exact for the untouched face, which most of a picture shows.
+        let upright = terms(Vec3::Z);
+        let fitted: f64 = (0..TERMS).map(|a| out[a] * f64::from(upright[a])).sum();
+        out[0] += f64::from(d.z.max(0.0)) - fitted;
+        out.map(|v| v as f32)
+    }
 }
 
 /// Gauss and Jordan with pivots; the matrix of the fit is positive definite.
@@ -254,8 +266,7 @@ mod tests {
     #[test]
     fn a_linear_sky_is_fitted_to_a_hundredth() {
         // L = 1 + d.y + d.z/2 over the whole sphere: E = pi + (2 pi/3) (n.y + n.z/2).
-        let directions = sphere(RAYS);
-        let kernel = kernel(&directions, HALF_WEIGHT[0]);
+        let (directions, kernel) = looks(false);
         let mut numbers = [0.0; NUMBERS];
         for (d, w) in directions.iter().zip(&kernel) {
             for k in 0..TERMS {

@@ -22,9 +22,6 @@ const MOST_CUTS: u32 = 24;
 /// Faces of clear bodies that a path crosses at most.
 const MOST_CROSSINGS: usize = 24;
 
-/// A plate is a cuboid.
-const CUBOID_TRIANGLES: usize = 12;
-
 /// How a part is cut into patches.
 #[derive(Debug, Clone, Copy)]
 enum Cut {
@@ -224,15 +221,6 @@ impl World {
     /// Whether something stands on the open segment.
     pub fn blocked(&self, from: Vec3, to: Vec3) -> bool {
         self.accel.blocked(from, to)
-    }
-
-    /// Whether a point is below all that is clear.
-    pub fn below(&self, point: Vec3) -> bool {
-        let clear = self.parts.iter().filter(|p| p.clear.is_some());
-        clear
-            .flat_map(|p| &self.corners[p.first_triangle as usize..][..CUBOID_TRIANGLES])
-            .flatten()
-            .all(|c| point.z < c.z)
     }
 
     /// Whether anything is clear.
