@@ -42,7 +42,7 @@ pub struct Args {
     /// Folder for the results
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Write the displaced surface of each capture; render nothing unless --render is given too
+    /// Write the displaced surface of each capture; render nothing unless --render or --basis is given too
     #[arg(long)]
     pub surface: bool,
     /// Render pictures and depth maps (the default without --surface)

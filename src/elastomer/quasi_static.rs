@@ -214,8 +214,17 @@ impl QuasiStaticSolver {
         Ok(())
     }
 
-    /// What the finest level has to tell, the face in finer relief than its splines have.
+    /// What the finest level has to tell, with an error that is not less than what the face shows of it.
     fn face(&self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
+        let mut capture = self.relieved(nx, ny)?;
+        let shown = self.finest().error_inside(self.indenter.as_ref(), &capture.surface);
+        let stats = &mut capture.stats;
+        stats.estimated_error = stats.estimated_error.map(|stated| stated.max(shown));
+        Ok(capture)
+    }
+
+    /// The face in finer relief than its splines have.
+    fn relieved(&self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
         let (level, indenter) = (self.finest(), self.indenter.as_ref());
         let (grid, size) = (level.grid(), self.pad.size_mm);
         let cell_mm = [grid.hx, grid.hy];

@@ -59,6 +59,8 @@ const FRICTION_TO_ERROR: f64 = 0.1;
 const LEAST_DEPTH_MM: f64 = 0.02;
 /// Difference between the base's reaction and the contact force, over that force, with which an increment may end.
 const LARGEST_IMBALANCE: f64 = 1e-3;
+/// How many times the stated error, a root mean square, a single point may be off.
+const POINT_TO_ERROR: f64 = 6.0;
 /// Parts of a contact's cells that are not rim with which what the grip bears is not known on the lattice of the relief, and with which
 /// it is.
 const WITHIN: [f64; 2] = [0.25, 0.5];
@@ -567,6 +569,20 @@ impl Level {
         let depth = self.at.contacts.depth_mm(indenter, &self.at.pose).max(LEAST_DEPTH_MM);
         let misfit = self.narrow() * misfit_mm / depth;
         Some(RELIEF_ERROR + misfit + self.unsettled_error(indenter, depth, outcome))
+    }
+
+    /// Error of a face after a drag, relative to depth, that is told by how deep its worst point stands inside the body. (What is left of
+    /// a straight press is in its relief's error.)
+    pub fn error_inside(&self, indenter: &dyn Indenter, face: &Surface) -> f64 {
+        if self.straight_down() {
+            return 0.0;
+        }
+        let pose = &self.at.pose;
+        let [hx, hy] = indenter.half_extent_mm();
+        let near = |p: &Vec3| (f64::from(p.x) - pose.x_mm).hypot(f64::from(p.y) - pose.y_mm) <= hx.hypot(hy);
+        let inside = |p: &Vec3| -indenter.distance(pose.to_indenter(p.as_dvec3()));
+        let deepest = face.positions.par_iter().filter(|p| near(p)).map(inside).reduce(|| 0.0, f64::max);
+        deepest / (POINT_TO_ERROR * self.at.contacts.depth_mm(indenter, pose).max(LEAST_DEPTH_MM))
     }
 
     /// Whether the pressure of a face in relief tells more than that of the splines: of a press so shallow that the pad still answers
