@@ -20,7 +20,7 @@ mod terminal;
 
 use super::at_bench::{AtBench, Wanted};
 use super::exit::Exit;
-use super::options::{RigOptions, Speed};
+use super::options::{self, RigOptions, Speed};
 use super::screen;
 use crate::control::Board;
 use crate::motion::Coordinate;
@@ -41,13 +41,13 @@ pub struct Args {
     #[command(flatten)]
     pub rig: RigOptions,
     /// First step size, mm
-    #[arg(long, default_value_t = 0.1)]
+    #[arg(long, default_value_t = 0.1, value_parser = options::quantity("mm"))]
     pub step: f64,
     /// Feed along lines, mm/s
-    #[arg(long, default_value_t = 2.0)]
+    #[arg(long, default_value_t = 2.0, value_parser = options::quantity("mm/s"))]
     pub feed: f64,
     /// Feed of the rotation, deg/s
-    #[arg(long, default_value_t = 10.0)]
+    #[arg(long, default_value_t = 10.0, value_parser = options::quantity("deg/s"))]
     pub turn: f64,
     /// Allow heights below the nominal contact
     #[arg(long)]

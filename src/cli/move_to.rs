@@ -6,7 +6,7 @@
 
 use super::at_bench::{AtBench, Wanted, show, whereabouts};
 use super::exit::Exit;
-use super::options::{RigOptions, Speed};
+use super::options::{self, RigOptions, Speed};
 use super::screen;
 use crate::motion::Coordinate;
 use crate::pose::Pose;
@@ -21,22 +21,22 @@ pub struct Args {
     #[command(flatten)]
     pub rig: RigOptions,
     /// To the right in the image, mm
-    #[arg(long)]
+    #[arg(long, value_parser = options::quantity("mm"))]
     pub x: Option<f64>,
     /// Down in the image, mm
-    #[arg(long)]
+    #[arg(long, value_parser = options::quantity("mm"))]
     pub y: Option<f64>,
     /// Height of the tip above the nominal contact, mm
-    #[arg(long)]
+    #[arg(long, value_parser = options::quantity("mm"))]
     pub z: Option<f64>,
     /// Rotation, clockwise in the image, degrees
-    #[arg(long)]
+    #[arg(long, value_parser = options::quantity("degrees"))]
     pub theta: Option<f64>,
     /// Feed along lines, mm/s
-    #[arg(long, default_value_t = 2.0)]
+    #[arg(long, default_value_t = 2.0, value_parser = options::quantity("mm/s"))]
     pub feed: f64,
     /// Feed of the rotation, deg/s
-    #[arg(long, default_value_t = 10.0)]
+    #[arg(long, default_value_t = 10.0, value_parser = options::quantity("deg/s"))]
     pub turn: f64,
     /// Home first if the position is not known
     #[arg(long)]

@@ -66,6 +66,16 @@ where
     }
 }
 
+/// A quantity in this unit. Its range is the bench's, and is checked when that is known, before anything moves.
+pub fn quantity(unit: &'static str) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+    move |text| match text.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err(format!(
+            "{text:?} is not a number of {unit} within the limits of the rig's axes; write e.g. 0.5"
+        )),
+    }
+}
+
 /// A relRMSE that the fast optics may be asked for: the range of a rig file's optics.tolerance.
 pub fn tolerance(text: &str) -> Result<f64, String> {
     let [least, most] = TOLERANCES;
@@ -85,6 +95,14 @@ fn parse_speed(text: &str) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn quantities_are_numbers_and_finite() {
+        assert_eq!(quantity("mm")("-.5"), Ok(-0.5));
+        for bad in ["-.5x", "", "nan", "inf"] {
+            assert!(quantity("mm")(bad).unwrap_err().contains("number of mm within the limits"), "{bad}");
+        }
+    }
 
     #[test]
     fn tolerances_and_rasters_are_told_what_is_allowed() {

@@ -214,17 +214,8 @@ impl QuasiStaticSolver {
         Ok(())
     }
 
-    /// What the finest level has to tell, with an error that is not less than what the face shows of it.
+    /// What the finest level has to tell, the face in finer relief than its splines have.
     fn face(&self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
-        let mut capture = self.relieved(nx, ny)?;
-        let shown = self.finest().error_inside(self.indenter.as_ref(), &capture.surface);
-        let stats = &mut capture.stats;
-        stats.estimated_error = stats.estimated_error.map(|stated| stated.max(shown));
-        Ok(capture)
-    }
-
-    /// The face in finer relief than its splines have.
-    fn relieved(&self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
         let (level, indenter) = (self.finest(), self.indenter.as_ref());
         let (grid, size) = (level.grid(), self.pad.size_mm);
         let cell_mm = [grid.hx, grid.hy];
@@ -232,9 +223,9 @@ impl QuasiStaticSolver {
         let Some(times) = relief::finer(spacing, cell_mm) else {
             return level.capture(indenter, nx, ny);
         };
-        // (A coating shears by itself.)
-        let tells = self.pad.coating.is_none() && level.relief_tells(indenter);
-        let grip = level.grip().filter(|_| tells);
+        // (A coating shears by itself, and errors of coated pads have not been compared.)
+        let (plain, tells) = (self.pad.coating.is_none(), level.relief_tells(indenter));
+        let grip = level.grip().filter(|_| plain && tells);
         let [mx, my] = grip.as_ref().map_or(times, |grip| relief::finer_to_hold(grip, [nx, ny], times));
         let mut capture = level.capture(indenter, mx * (nx - 1) + 1, my * (ny - 1) + 1)?;
         let loads = level.loads();
@@ -254,7 +245,7 @@ impl QuasiStaticSolver {
             shape.face_height_mm([size[0], size[1]], [x, y])
         });
         let relieved = relief.is_some();
-        if let Some(relief) = relief.filter(|_| level.relief_tells(indenter)) {
+        if let Some(relief) = relief.filter(|_| tells) {
             let part = relief.force_n / splined.force_n;
             let more = level.trust_in_grip();
             capture.forces = capture.forces.times(part);
@@ -265,8 +256,6 @@ impl QuasiStaticSolver {
             capture.stats.base_reaction_n *= part;
             capture.stats.elastic_energy_n_mm *= part;
             let in_relief = level.error_in_relief(indenter, relief.misfit_mm);
-            // (Coated pads have not been compared.)
-            let plain = self.pad.coating.is_none();
             let splined = capture.stats.estimated_error.filter(|stated| plain && *stated <= OF_USE);
             if let (Some(splined), Some(in_relief)) = (splined, in_relief) {
                 let in_relief = in_relief.max(relief::LEAST_TO_SPLINES * splined);

@@ -59,8 +59,6 @@ const FRICTION_TO_ERROR: f64 = 0.1;
 const LEAST_DEPTH_MM: f64 = 0.02;
 /// Difference between the base's reaction and the contact force, over that force, with which an increment may end.
 const LARGEST_IMBALANCE: f64 = 1e-3;
-/// How many times the stated error, a root mean square, a single point may be off.
-const POINT_TO_ERROR: f64 = 6.0;
 /// Parts of a contact's cells that are not rim with which what the grip bears is not known on the lattice of the relief, and with which
 /// it is.
 const WITHIN: [f64; 2] = [0.25, 0.5];
@@ -571,20 +569,6 @@ impl Level {
         Some(RELIEF_ERROR + misfit + self.unsettled_error(indenter, depth, outcome))
     }
 
-    /// Error of a face after a drag, relative to depth, that is told by how deep its worst point stands inside the body. (What is left of
-    /// a straight press is in its relief's error.)
-    pub fn error_inside(&self, indenter: &dyn Indenter, face: &Surface) -> f64 {
-        if self.straight_down() {
-            return 0.0;
-        }
-        let pose = &self.at.pose;
-        let [hx, hy] = indenter.half_extent_mm();
-        let near = |p: &Vec3| (f64::from(p.x) - pose.x_mm).hypot(f64::from(p.y) - pose.y_mm) <= hx.hypot(hy);
-        let inside = |p: &Vec3| -indenter.distance(pose.to_indenter(p.as_dvec3()));
-        let deepest = face.positions.par_iter().filter(|p| near(p)).map(inside).reduce(|| 0.0, f64::max);
-        deepest / (POINT_TO_ERROR * self.at.contacts.depth_mm(indenter, pose).max(LEAST_DEPTH_MM))
-    }
-
     /// Whether the pressure of a face in relief tells more than that of the splines: of a press so shallow that the pad still answers
     /// as an undeformed layer, and not all rim.
     pub fn relief_tells(&self, indenter: &dyn Indenter) -> bool {
@@ -604,16 +588,12 @@ impl Level {
 
     /// What the stopping leaves, relative to depth.
     fn unsettled_error(&self, indenter: &dyn Indenter, depth: f64, outcome: Outcome) -> f64 {
-        self.askew_mm(indenter) / depth + outcome.residual + FRICTION_TO_ERROR * self.at.unsettled
-    }
-
-    /// How far a face that should be mirrored is off on either side: half of what differs between them, mm. After a slide or a turn
-    /// nothing is known.
-    fn askew_mm(&self, indenter: &dyn Indenter) -> f64 {
-        match self.straight_down() {
+        // Each side is wrong by half of what differs between them.
+        let askew = match self.straight_down() {
             true => 0.5 * symmetry::lost_mm(self.grid(), &self.at.u, indenter, &self.at.pose),
             false => 0.0,
-        }
+        };
+        askew / depth + outcome.residual + FRICTION_TO_ERROR * self.at.unsettled
     }
 
     /// What presses the face.

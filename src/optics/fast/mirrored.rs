@@ -95,7 +95,7 @@ mod tests {
         let low = 12.0;
         let lamps: Vec<Lamp> = scene.lights.iter().filter_map(Lamp::new).collect();
         let world = World::new(&scene, false).unwrap();
-        // So dense that what is refracted comes back upright above everything, and thin.
+        // So thin that what its upper face reflects appears where the image in the lower one does.
         let slab = Slab { low, high: low + 1e-3, ior: 1.5 };
         let mirrored = Mirrored::new(&world, &lamps, Some(slab));
         for from in [Vec3::new(0.0, 0.0, 0.1), Vec3::new(4.0, -3.0, 0.5)] {

@@ -75,7 +75,9 @@ fn default_faint_rms() -> f64 {
 impl MarkerSpec {
     pub(super) fn check(&self, p: &mut Problems) {
         p.range("pitch_mm", self.pitch_mm, 0.1, 50.0, "mm");
-        p.range("diameter_mm", self.diameter_mm, 0.02, self.pitch_mm.max(0.02), "mm, up to the pitch");
+        // (A pitch that is none is told of above, and bounds nothing.)
+        let widest = if (0.1..=50.0).contains(&self.pitch_mm) { self.pitch_mm } else { 50.0 };
+        p.range("diameter_mm", self.diameter_mm, 0.02, widest, "mm, up to the pitch");
         p.range("albedo", self.albedo, 0.0, 0.99, "");
         for (axis, value) in self.offset_mm.iter().enumerate() {
             p.range(&format!("offset_mm[{axis}]"), *value, -100.0, 100.0, "mm");
