@@ -14,14 +14,17 @@ use rayon::prelude::*;
 /// Spacing of the lattice, mm: two points across the narrowest edge of the press set (0.2 mm).
 const SPACING_MM: f64 = 0.1;
 
-/// Root mean square of the penetration over the points of the face that lie in the indenter, mm; 0 where none does.
-pub fn unseen_penetration_mm(
-    grid: &Grid,
-    chart: Option<&Chart>,
-    u: &[f32],
-    indenter: &dyn Indenter,
-    pose: &Pose,
-) -> f64 {
+/// How far points of the face lie in the indenter, mm; 0 where none does.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Inside {
+    /// Root mean square over those that do.
+    pub rms_mm: f64,
+    /// The deepest.
+    pub deepest_mm: f64,
+}
+
+/// How far the face lies in the indenter.
+pub fn inside(grid: &Grid, chart: Option<&Chart>, u: &[f32], indenter: &dyn Indenter, pose: &Pose) -> Inside {
     let [hx, hy] = indenter.half_extent_mm();
     let reach = hx.hypot(hy) + SPACING_MM;
     let lattice = |at: f64, size: f64| {
@@ -40,7 +43,7 @@ pub fn unseen_penetration_mm(
     let (cx, top) = (grid.cx(), grid.layers() - 1);
     let of_row = |y: &f64| {
         let (j, wy) = Grid::trace(*y, grid.size[1], grid.ny);
-        let (mut squares, mut inside) = (0.0, 0_u64);
+        let (mut squares, mut inside, mut deepest_mm) = (0.0, 0_u64, 0.0f64);
         for (x, i, wx) in &columns {
             let mut p = [*x, *y, chart.map_or(0.0, |chart| chart.height_mm(*x, *y))];
             for (c, p) in p.iter_mut().enumerate() {
@@ -55,12 +58,15 @@ pub fn unseen_penetration_mm(
             if gap < 0.0 {
                 squares += gap * gap;
                 inside += 1;
+                deepest_mm = deepest_mm.max(-gap);
             }
         }
-        (squares, inside)
+        (squares, inside, deepest_mm)
     };
     // Rows are summed in their order, whatever the number of threads.
-    let sums: Vec<(f64, u64)> = rows.par_iter().map(of_row).collect();
-    let (squares, inside) = sums.iter().fold((0.0, 0), |(s, n), (a, b)| (s + a, n + b));
-    if inside == 0 { 0.0 } else { (squares / inside as f64).sqrt() }
+    let sums: Vec<(f64, u64, f64)> = rows.par_iter().map(of_row).collect();
+    let (squares, inside, deepest_mm) =
+        sums.iter().fold((0.0, 0, 0.0), |(s, n, d), (a, b, c)| (s + a, n + b, f64::max(d, *c)));
+    let rms_mm = if inside == 0 { 0.0 } else { (squares / inside as f64).sqrt() };
+    Inside { rms_mm, deepest_mm }
 }

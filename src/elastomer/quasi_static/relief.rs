@@ -36,7 +36,7 @@ const MARGIN: f64 = 5.0;
 /// Over so many cells from where it ends to what is left as it is.
 const FADE: f64 = 2.0;
 /// What the splines have further inside the body, cells, is beside a flank, not below it.
-const DEEPEST: f64 = 0.3;
+pub const DEEPEST: f64 = 0.3;
 /// Penetration and gap under pressure that may remain, mm.
 const CLOSE_MM: f32 = 2e-4;
 /// Iterations; a tenth of them is usual.

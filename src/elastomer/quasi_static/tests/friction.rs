@@ -243,3 +243,25 @@ fn a_turn_takes_the_same_torque_over_any_cells() {
         );
     }
 }
+
+#[test]
+fn no_fold_of_the_face_is_drawn_through_a_narrow_body() {
+    use crate::indenter::spec::Shape;
+    use crate::indenter::{IndenterSpec, from_spec};
+    let shape = Shape::Cone { tip_diameter_mm: 1.0, half_angle_deg: 19.29 };
+    let spec = IndenterSpec { description: String::new(), edge_round_mm: 0.5, height_mm: 8.0, shape };
+    let cone = from_spec("cone", &spec, None).expect("a sound body");
+    let mut pad = pad(Law::FixedCorotated);
+    pad.material.youngs_modulus_mpa = 1.45;
+    let settings = Settings { tolerance: 0.05, ..settings(Friction::Coefficient(0.2)) };
+    let start = Pose::new(0.0, 0.0, 0.3, 0.0);
+    let mut s = QuasiStaticSolver::new(&pad, &settings, cone.clone(), &start).expect("in range");
+    s.advance(&Pose::new(0.0, 0.0, -1.6, 0.0)).expect("an easy press");
+    let slid = Pose::new(-0.4, 0.0, -1.6, 0.0);
+    s.advance(&slid).expect("a way over finer cells");
+    // Over cells of 0.42 mm the middle of the face stands 0.4 mm inside.
+    let now = s.capture(81, 81).expect("a lattice");
+    let inside = |p: &glam::Vec3| -cone.distance(slid.to_indenter(p.as_dvec3()));
+    let deepest = now.surface.positions.iter().map(inside).fold(0.0, f64::max);
+    assert!(deepest < 0.05, "{deepest} mm");
+}
