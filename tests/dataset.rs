@@ -116,6 +116,7 @@ fn sim(k: u32) -> (SimRecord, Vec<u8>, Vec<u8>) {
         shear_force_n: [0.0, 0.0],
         torque_n_mm: 0.0,
         contact_area_mm2: 1.0,
+        held: None,
         contact_box_px: Some([1, 1, 2, 2]),
         iterations: 3,
         passes_per_step: 1.0,

@@ -169,6 +169,7 @@ impl Simulation {
                 shear_force_n: forces.shear_force_n,
                 torque_n_mm: forces.torque_n_mm,
                 contact_area_mm2: stats.contact_area_mm2,
+                held: stats.held,
                 contact_box_px: picture.contact_box_px,
                 iterations: stats.iterations,
                 passes_per_step: stats.passes_per_step,

@@ -104,6 +104,9 @@ pub struct SimRecord {
     pub torque_n_mm: f64,
     /// Area in contact, mm^2.
     pub contact_area_mm2: f64,
+    /// How much of its grip a contact with infinite friction is sure to have kept (1 up to a way of twice the depth, 0 once it has torn
+    /// loose); absent otherwise.
+    pub held: Option<f64>,
     /// Bounding box of the contact on the picture: x0, y0, x1, y1 (exclusive), pixels; absent without contact.
     pub contact_box_px: Option<[u32; 4]>,
     /// Steps or Newton iterations.

@@ -115,6 +115,7 @@ pub fn pairs(dataset: &Dataset, split: &str, rows: &[&Row], metrics: &BTreeMap<u
     t.float("sim_shear_force_y_n", rows.iter().map(|r| sim(r, |q| q.shear_force_n[1])));
     t.float("sim_torque_n_mm", rows.iter().map(|r| sim(r, |q| q.torque_n_mm)));
     t.float("contact_area_mm2", rows.iter().map(|r| sim(r, |q| q.contact_area_mm2)));
+    t.float("held", rows.iter().map(|r| r.sim.as_ref().and_then(|l| l.record.held)));
 
     // How the two compare.
     type Pick = fn(&PairMetrics) -> Option<ImageScores>;

@@ -74,6 +74,10 @@ pub struct SolverStats {
     pub base_reaction_n: f64,
     /// Area in contact, mm^2.
     pub contact_area_mm2: f64,
+    /// With infinite friction in the quasi-static mode, how much of its grip the contact is sure to have kept: 1 up to a way along the
+    /// face of twice the depth; further on that over the way, since points peel off and take hold again as rounding decides; 0 once it
+    /// has torn loose.
+    pub held: Option<f64>,
 }
 
 /// Everything at one capture.

@@ -373,6 +373,7 @@ impl Elastomer for ExplicitSolver {
             elastic_energy_n_mm: elastic,
             base_reaction_n: self.mean_force(|f| f.base[2]),
             contact_area_mm2,
+            held: None,
         };
         Ok(ElastomerCapture { surface, contact, forces, stats })
     }

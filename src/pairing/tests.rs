@@ -113,6 +113,7 @@ pub(crate) fn sim_record(contact_box_px: Option<[u32; 4]>) -> SimRecord {
         shear_force_n: [0.0, 0.0],
         torque_n_mm: 0.0,
         contact_area_mm2: 1.0,
+        held: None,
         contact_box_px,
         iterations: 3,
         passes_per_step: 1.0,

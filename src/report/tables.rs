@@ -226,11 +226,12 @@ pub fn course(facts: &Facts) -> String {
     let departed = real().filter(|r| r.departed).count();
     let limit_hits: u64 = sim().map(|r| r.limit_hits).sum();
     let above = sim().filter(|r| r.light_meets_tolerance == Some(false)).count();
+    let torn = sim().filter(|r| r.held.is_some_and(|held| held < 1.0)).count();
     let seconds: f64 = sim().map(|r| (r.elastomer_ms + r.render_ms) / 1e3).sum();
     let span = |pick: fn(i64, i64) -> i64| real().map(|r| r.utc_ns).reduce(pick);
     let bench = span(i64::max).zip(span(i64::min)).map_or(0.0, |(b, a)| (b - a) as f64 * 1e-9);
     let text = format!(
-        "<p>First to last real capture: {bench:.0} s. Work of the simulation: {seconds:.0} s of elapsed time summed over captures. Frames dropped before a capture: {dropped}. Captures whose measured pose departs from the commanded one beyond tolerance: {departed}. Relative-rest loops that ran into their limit: {limit_hits}. Simulated pictures whose light is estimated to be above its tolerance: {above}.</p>{}",
+        "<p>First to last real capture: {bench:.0} s. Work of the simulation: {seconds:.0} s of elapsed time summed over captures. Frames dropped before a capture: {dropped}. Captures whose measured pose departs from the commanded one beyond tolerance: {departed}. Relative-rest loops that ran into their limit: {limit_hits}. Simulated pictures whose light is estimated to be above its tolerance: {above}. Captures whose contact, meant to stick, may have lost some of its grip: {torn}.</p>{}",
         table(&["", "least", "median", "most"], &rows)
     );
     section("How the session went", &text)

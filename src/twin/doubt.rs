@@ -28,6 +28,13 @@ impl Doubts {
 
 /// What is in doubt about an answer, and the next move. Equilibria state an error, explicit runs have a kinetic energy.
 fn of(stats: &SolverStats, tolerance: f64) -> Option<String> {
+    if let Some(held) = stats.held.filter(|held| *held < 1.0) {
+        return Some(format!(
+            "the contact, meant to stick, is sure of {:.0} % of its grip alone: beyond a way of twice the depth what holds goes by \
+             rounding; slide less far, or set elastomer.friction to a number",
+            100.0 * held
+        ));
+    }
     match stats.estimated_error {
         Some(stated) if stated > tolerance => Some(format!(
             "the pad's surface is stated to be off by {:.2} % of the depth, above the {:.2} % asked for; round edges more, slide \
@@ -56,6 +63,9 @@ mod tests {
         assert_eq!(of(&stats(None, 0.05), 0.01), None);
         let told = of(&stats(Some(0.023), 0.0), 0.01).unwrap();
         assert!(told.contains("2.30 %") && told.contains("1.00 %"), "{told}");
+        let torn = SolverStats { held: Some(0.25), ..stats(Some(0.009), 0.0) };
+        assert!(of(&torn, 0.01).is_some_and(|told| told.contains("25 %")));
+        assert_eq!(of(&SolverStats { held: Some(1.0), ..torn }, 0.01), None);
         let told = of(&stats(None, 0.9), 0.01).unwrap();
         assert!(told.contains("90 %") && told.contains("speed_mm_s"), "{told}");
     }

@@ -43,7 +43,7 @@ pub struct Patience {
     halvings: i32,
     /// Tangent applications for each increment that the way was to take.
     passes: f64,
-    /// The same in tangents at quadrature points.
+    /// The same in tangents at quadrature points; so much may be spent on increments that find no equilibrium, besides.
     work: f64,
     /// Part of an increment that is gone even where the pad is unstable, unless it is a press.
     bold: f64,
@@ -71,7 +71,7 @@ pub fn follow(
     let parts = levels[finest].level.increments(indenter, pose);
     // A press over an unstable pad ends on one side or the other as rounding decides; a drag sticks and slips.
     let presses = Pose { z_mm: start.z_mm, ..*pose } == start && patience.bold.is_finite();
-    let (mut done, mut longest, mut restarts) = (0.0, 1.0 / parts, 0);
+    let (mut done, mut longest, mut restarts, mut wasted) = (0.0, 1.0 / parts, 0, 0);
     let mut stride = longest;
     let mut begun = levels[finest].level.newton.passes;
     let within_work = parts * patience.work / levels[finest].level.grid().points() as f64;
@@ -96,7 +96,9 @@ pub fn follow(
                 last = Some(outcome);
                 restarts += 1;
                 stride *= 0.5;
-                hopeless = stride < longest * 0.5f64.powi(patience.halvings);
+                wasted += levels[finest].level.newton.passes - begun - spent;
+                let wasted_work = wasted as f64 * levels[finest].level.grid().points() as f64;
+                hopeless = stride < longest * 0.5f64.powi(patience.halvings) || wasted_work > patience.work;
             }
         }
         let passes = (levels[finest].level.newton.passes - begun) as f64;

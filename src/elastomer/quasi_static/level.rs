@@ -604,6 +604,13 @@ impl Level {
         askew / depth + outcome.residual + FRICTION_TO_ERROR * self.at.unsettled
     }
 
+    /// How much of its grip what sticks is sure to have kept.
+    fn held(&self, indenter: &dyn Indenter) -> f64 {
+        let sure_mm = HELD_OVER_DEPTH * self.at.contacts.depth_mm(indenter, &self.at.pose);
+        let sure = if self.at.dragged_mm > sure_mm { sure_mm / self.at.dragged_mm } else { 1.0 };
+        sure * self.at.contacts.holding()
+    }
+
     /// What presses the face.
     pub fn loads(&self) -> Loads {
         self.at.contacts.loads()
@@ -704,6 +711,7 @@ impl Level {
             elastic_energy_n_mm: self.at.outcome.map_or(0.0, |o| o.evaluation.energy),
             base_reaction_n: self.at.outcome.map_or(0.0, |o| o.base_force),
             contact_area_mm2: patch.area_mm2(),
+            held: self.at.contacts.sticks().then(|| self.held(indenter)),
         };
         Ok(ElastomerCapture {
             surface: Surface { nx, ny, size_x_mm: grid.size[0], size_y_mm: grid.size[1], positions },
