@@ -19,7 +19,6 @@ pub mod checks;
 pub mod draw;
 pub mod explicit;
 pub mod hostile;
-mod outline;
 pub mod walk;
 
 pub use cases::{Body, Case, Family, case};

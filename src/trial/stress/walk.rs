@@ -9,12 +9,11 @@
 
 use super::cases::{Case, Family};
 use super::checks::Checks;
-use super::outline::{frontal_mm2, is_mirrored};
 use crate::elastomer::{self, Elastomer, ElastomerCapture, Error, Friction, PadShape};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use crate::trial::scene;
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use std::sync::Arc;
 
 /// Height above the pad's highest place at which a path begins and ends, mm.
@@ -25,8 +24,6 @@ const MOST_WAYPOINTS: f64 = 12.0;
 /// Height to which a body that drags the face along lifts it, and lets it sink, over the way dragged: 0.2 and 0.27 are
 /// seen with a slab 0.1 mm deep that is dragged 1 mm, with cells of 1.2 and of 0.3 mm.
 const DRAG_MOVES: f64 = 0.3;
-/// Upward part of the normal of a triangle that is turned over: 30 degrees beyond upright.
-const TURNED_OVER: f32 = -0.5;
 /// Elastic force of a square millimetre at a strain of a thousandth, per MPa: forces below this are noise, N.
 const LEAST_FORCE_PER_MPA: f64 = 1e-3;
 
@@ -248,7 +245,7 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// Part of the face's triangles that are turned over. (Before a wall that drags it the face leans beyond upright.)
+/// Part of the face's triangles that look downwards.
 fn folded(now: &ElastomerCapture) -> f64 {
     let s = &now.surface;
     let at = |i: usize, j: usize| s.positions[j * s.nx + i];
@@ -256,8 +253,7 @@ fn folded(now: &ElastomerCapture) -> f64 {
     for j in 1..s.ny {
         for i in 1..s.nx {
             let (a, b, c, d) = (at(i - 1, j - 1), at(i, j - 1), at(i - 1, j), at(i, j));
-            let over = |normal: Vec3| usize::from(normal.z <= TURNED_OVER * normal.length());
-            down += over((b - a).cross(c - a)) + over((c - d).cross(b - d));
+            down += usize::from((b - a).cross(c - a).z <= 0.0) + usize::from((c - d).cross(b - d).z <= 0.0);
         }
     }
     down as f64 / (2 * (s.nx - 1) * (s.ny - 1)) as f64
@@ -283,10 +279,7 @@ fn path(walk: &mut Walk<'_>) -> Result<(), Error> {
         let falls = |a: &ElastomerCapture, b: &ElastomerCapture| {
             (a.forces.normal_force_n - b.forces.normal_force_n) / middle.forces.normal_force_n
         };
-        // (Where more than was asked for is told, one waypoint may have finer cells than the next.)
-        let told = if walk.claim > walk.tolerance { walk.claim } else { 0.0 };
-        let fallen = falls(&low, &middle).max(falls(&middle, &deep));
-        walk.checks.hold("force falls in a press", fallen, 1e-3 + told);
+        walk.checks.hold("force falls in a press", falls(&low, &middle).max(falls(&middle, &deep)), 1e-3);
     }
     let centred = case.at_mm == [0.0; 2];
     if case.family == Family::Press && centred && is_mirrored(walk.body.as_ref()) {
@@ -321,7 +314,7 @@ fn path(walk: &mut Walk<'_>) -> Result<(), Error> {
     walk.release()
 }
 
-fn slide(walk: &mut Walk<'_>, way_mm: f64, direction_deg: f64) -> Result<Vec<ElastomerCapture>, Error> {
+fn slide(walk: &mut Walk<'_>, way_mm: f64, direction_deg: f64) -> Result<(), Error> {
     let start = walk.pose;
     let energy = walk.last.as_ref().map_or(0.0, |c| c.stats.elastic_energy_n_mm);
     walk.work = [0.0; 2];
@@ -329,13 +322,10 @@ fn slide(walk: &mut Walk<'_>, way_mm: f64, direction_deg: f64) -> Result<Vec<Ela
     let [hx, hy] = walk.body.half_extent_mm();
     let narrowest = hx.min(hy);
     let parts = (way_mm / STRIDE_MM).ceil().clamp(4.0, MOST_WAYPOINTS) as u32;
-    let mut passed = Vec::new();
     for n in 1..=parts {
         let s = way_mm * f64::from(n) / f64::from(parts);
         let now = walk.go(Pose { x_mm: start.x_mm + s * cos, y_mm: start.y_mm + s * sin, ..start })?;
         let f = now.forces;
-        let under_mm2 = now.stats.contact_area_mm2.max(1e-6);
-        passed.push(now);
         let normal = f.normal_force_n.max(walk.least_force());
         let along = f.shear_force_n[0] * cos + f.shear_force_n[1] * sin;
         if walk.case.pad.shape != PadShape::Cuboid {
@@ -348,16 +338,28 @@ fn slide(walk: &mut Walk<'_>, way_mm: f64, direction_deg: f64) -> Result<Vec<Ela
             Friction::Coefficient(0.0) => {
                 walk.checks.hold("shear without friction", shear, 0.03 + walk.claim)
             }
-            // Slopes and stretched material raise the force above mu N, and walls plough: with the pressure that is under the body.
+            // Slopes and stretched material raise the force above mu N; where walls plough, by an unknown amount.
             Friction::Coefficient(mu) if mu <= 0.5 && walk.case.depth_mm <= 0.2 * narrowest => {
-                let ploughs = frontal_mm2(walk.body.as_ref(), walk.case.depth_mm, direction_deg) / under_mm2;
-                walk.checks.hold("shear against Coulomb", shear, 1.5 * mu + 0.05 + ploughs);
+                walk.checks.hold("shear against Coulomb", shear, 1.5 * mu + 0.05);
             }
             _ => {}
         }
     }
     walk.judge_work(energy);
-    Ok(passed)
+    Ok(())
+}
+
+/// Whether a body is its own mirror image in x and in y.
+fn is_mirrored(body: &dyn Indenter) -> bool {
+    let [hx, hy] = body.half_extent_mm();
+    let at = |k: u32, half: f64, step: f64| half * ((f64::from(k) * step).fract() * 2.2 - 1.1);
+    (0..200).all(|k| {
+        let p = DVec3::new(at(k, hx, 0.618), at(k, hy, 0.414), 0.3 * f64::from(k % 7));
+        let d = body.distance(p);
+        [[-1.0, 1.0], [1.0, -1.0]]
+            .iter()
+            .all(|m| (body.distance(DVec3::new(m[0] * p.x, m[1] * p.y, p.z)) - d).abs() < 1e-9)
+    })
 }
 
 /// Largest difference between the heights of a surface and of its mirror images, mm, away from the edge of the contact:
@@ -446,30 +448,29 @@ fn finer(walk: &mut Walk<'_>, alter: &dyn Fn(&mut ElastomerCapture)) -> Result<(
     Ok(())
 }
 
-/// A slide to the left mirrors one to the right, as far as both are sure of their grip.
+/// A slide to the left mirrors one to the right.
 fn mirror(walk: &mut Walk<'_>) -> Result<(), Error> {
     let case = walk.case;
     walk.go(walk.at(-case.depth_mm))?;
     let forked = walk.solver.fork();
     let (start, pressed) = (walk.pose, walk.last.clone());
-    let rights = slide(walk, case.slide_mm, 0.0)?;
+    slide(walk, case.slide_mm, 0.0)?;
+    let right = walk.last.clone();
     (walk.solver, walk.pose, walk.last) = (forked, start, pressed);
-    let lefts = slide(walk, case.slide_mm, 180.0)?;
-    let is_sure = |c: &ElastomerCapture| c.stats.held.is_none_or(|held| held >= 1.0);
-    for (right, left) in rights.iter().zip(&lefts).filter(|(right, left)| is_sure(right) && is_sure(left)) {
-        let s = &right.surface;
-        let mut most = 0.0f32;
-        for j in 0..s.ny {
-            for i in 0..s.nx {
-                let (a, b) = (s.positions[j * s.nx + i], left.surface.positions[j * s.nx + s.nx - 1 - i]);
-                most = most.max((a.z - b.z).abs()).max((a.x + b.x).abs()).max((a.y - b.y).abs());
-            }
+    slide(walk, case.slide_mm, 180.0)?;
+    let (Some(right), Some(left)) = (right, walk.last.clone()) else { return Ok(()) };
+    let s = &right.surface;
+    let mut most = 0.0f32;
+    for j in 0..s.ny {
+        for i in 0..s.nx {
+            let (a, b) = (s.positions[j * s.nx + i], left.surface.positions[j * s.nx + s.nx - 1 - i]);
+            most = most.max((a.z - b.z).abs()).max((a.x + b.x).abs()).max((a.y - b.y).abs());
         }
-        walk.checks.hold("left against right, mm", f64::from(most), walk.claim * case.depth_mm + 1e-3);
-        let normal = right.forces.normal_force_n.max(walk.least_force());
-        let off = (right.forces.normal_force_n - left.forces.normal_force_n).abs() / normal;
-        walk.checks.hold("left force against right", off, 0.01 + 0.5 * walk.claim);
     }
+    walk.checks.hold("left against right, mm", f64::from(most), walk.claim * case.depth_mm + 1e-3);
+    let normal = right.forces.normal_force_n.max(walk.least_force());
+    let off = (right.forces.normal_force_n - left.forces.normal_force_n).abs() / normal;
+    walk.checks.hold("left force against right", off, 0.01 + 0.5 * walk.claim);
     walk.release()
 }
 
@@ -537,5 +538,15 @@ mod tests {
             let formula = bonded_layer_n(&case, 4.0);
             assert!((formula - force).abs() < within * force, "{d}: {formula} {force}");
         }
+    }
+
+    #[test]
+    fn a_sphere_is_its_own_mirror_image_and_a_skew_body_is_not() {
+        assert!(is_mirrored(scene::sphere(3.0).as_ref()));
+        let plan =
+            crate::indenter::spec::Plan::Polygon { corners_mm: vec![[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]] };
+        let shape = crate::indenter::spec::Shape::Flat { plan };
+        let skew = crate::indenter::from_spec("skew", &scene::spec(shape, 0.0), None).expect("a triangle");
+        assert!(!is_mirrored(skew.as_ref()));
     }
 }

@@ -14,7 +14,7 @@ fn pressed(friction: Friction) -> QuasiStaticSolver {
     let mut pad = Pad { size_x_mm: 12.0, size_y_mm: 12.0, thickness_mm: 8.0, ..pad(Law::NeoHookean) };
     pad.material.poisson_ratio = NU;
     let resolution =
-        Resolution { cell_mm: 0.2, residual: 2e-4, penetration: 1e-3, ..Resolution::for_tolerance(0.01) };
+        Resolution { cell_mm: 0.15, residual: 2e-4, penetration: 1e-3, ..Resolution::for_tolerance(0.01) };
     let start = Pose::new(0.0, 0.0, 0.1, 0.0);
     let sphere = Arc::new(Sphere(RADIUS_MM));
     let mut s = QuasiStaticSolver::with_resolution(&pad, &settings(friction), resolution, sphere, &start)
