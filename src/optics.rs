@@ -46,6 +46,7 @@ pub mod render_file;
 pub mod response;
 pub mod reuse;
 pub mod sampler;
+pub mod scale;
 pub mod scene;
 pub mod sensor;
 pub mod sensor_basis;

@@ -143,14 +143,15 @@ impl Node {
         Ok(Node { value: table, origin: Origin::Line(1) })
     }
 
-    /// Reads the value of a `--set`: TOML, or a bare word, which is text.
+    /// Reads the value of a `--set`: TOML, a number written as `.5` or `5.`, or a bare word, which is text.
     pub fn parse_set(setting: &str, value: &str) -> Result<Node, String> {
         let value = value.trim();
         let bare = |c: char| c.is_alphanumeric() || "_-./: ".contains(c);
-        let read = match DeValue::parse(value) {
-            Ok(parsed) => convert(parsed.get_ref(), value),
-            Err(_) if !value.is_empty() && value.chars().all(bare) => Value::String(value.to_owned()),
-            Err(error) => return Err(error.message().to_owned()),
+        let read = match (DeValue::parse(value), number(value)) {
+            (Ok(parsed), _) => convert(parsed.get_ref(), value),
+            (Err(_), Some(number)) => Value::Float(number),
+            (Err(_), None) if !value.is_empty() && value.chars().all(bare) => Value::String(value.to_owned()),
+            (Err(error), None) => return Err(error.message().to_owned()),
         };
         let mut node = Node { value: read, origin: Origin::Set(setting.to_owned()) };
         node.claim(&Origin::Set(setting.to_owned()));
@@ -262,6 +263,12 @@ fn entries(table: &DeTable<'_>, text: &str) -> Vec<(String, Node)> {
             (key.get_ref().to_string(), Node { value: convert(value.get_ref(), text), origin })
         })
         .collect()
+}
+
+/// A number as people write them who do not know that TOML wants digits on both sides of the point.
+fn number(text: &str) -> Option<f64> {
+    let digits = text.chars().all(|c| c.is_ascii_digit() || "+-.eE".contains(c));
+    text.parse().ok().filter(|number: &f64| digits && number.is_finite())
 }
 
 fn convert(value: &DeValue<'_>, text: &str) -> Value {

@@ -236,6 +236,7 @@ impl QuasiStaticSolver {
             cell_mm,
             pressure: &|x, y| loads.at(x / size[0] + 0.5, y / size[1] + 0.5),
             force_n: capture.forces.normal_force_n,
+            deepest_mm: level.mendable_mm(),
             grip: grip.as_ref(),
         };
         let shape = self.pad.shape;

@@ -1,7 +1,7 @@
 //! A scene: surfaces, lights, a camera, and how often light may scatter.
 
 use super::light::is_radiance;
-use super::{Camera, Error, Light, LightShape, Material, Mesh};
+use super::{Camera, Error, Light, LightShape, Material, Mesh, scale};
 use glam::Vec3;
 use std::sync::Arc;
 
@@ -81,6 +81,7 @@ impl Scene {
             }
         }
         self.check_lights()?;
+        scale::check(self)?;
         let heights = |role: Role| {
             let all = self.surfaces.iter().filter(move |s| s.role == role).flat_map(|s| &s.mesh.positions);
             all.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], p| [low.min(p.z), high.max(p.z)])

@@ -166,6 +166,11 @@ impl Judge {
         Ok(Self { pictures: [picture(0xa), picture(0xb)] })
     }
 
+    /// Who judges pictures shrunk to the means of squares of `grain` pixels.
+    pub fn of_means(&self, grain: usize) -> Self {
+        Self { pictures: self.pictures.each_ref().map(|picture| picture.shrunk(grain)) }
+    }
+
     /// relRMSE of a picture, the judges' own noise taken off.
     pub fn error(&self, film: &Film) -> f64 {
         let [a, b] = &self.pictures;

@@ -3,8 +3,8 @@
 //! Sharp indenters, drags of 5 mm, folds, lights that graze, touch walls or point elsewhere, albedos of 0 and 1, lattices
 //! of 1 to a million triangles, scenes without anything: each is rendered by the fast mode and held against two
 //! reference pictures, or refused with a message. A case fails when a pixel is no light or brighter than all light there is,
-//! when the error is beyond what the mode said of itself, or when it is refused without need. Any failure ends the command
-//! with code 1.
+//! when the error is beyond what the mode said of itself, or when it is refused without need. Where the reference's own
+//! noise is more than that, the case is called undecided. Any failure ends the command with code 1.
 
 use crate::cli::exit::Exit;
 use crate::cli::{options, screen};
@@ -12,11 +12,16 @@ use crate::optics::stress::{Outcome, Settings, Verdict, run};
 
 /// Try odd pads, lights, scales and scenes on the fast optics
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  twinrig stress optics\n  twinrig stress optics --quick --json")]
+#[command(
+    after_help = "Examples:\n  twinrig stress optics\n  twinrig stress optics --only plate\n  twinrig stress optics --quick --json"
+)]
 pub struct Args {
     /// Every fourth case, on small pictures
     #[arg(long)]
     pub quick: bool,
+    /// Only cases whose names hold this
+    #[arg(long, value_name = "PART")]
+    pub only: Option<String>,
     /// Error asked for
     #[arg(long, default_value_t = 0.005, value_parser = options::tolerance)]
     pub tolerance: f64,
@@ -28,33 +33,49 @@ pub struct Args {
 impl Args {
     /// Runs the sweep.
     pub fn run(self) -> Exit {
-        let settings = match self.quick {
-            true => Settings { size: [64, 48], judge_samples: 32, tolerance: self.tolerance, every: 4 },
-            false => Settings { size: [96, 72], judge_samples: 64, tolerance: self.tolerance, every: 1 },
-        };
+        let (size, judge_samples, every) = if self.quick { ([64, 48], 32, 4) } else { ([96, 72], 64, 1) };
+        let settings = Settings { size, judge_samples, tolerance: self.tolerance, every, only: self.only };
         let verdicts = run(&settings, |verdict| {
             if !self.json {
                 show(verdict);
             }
         });
+        if let ([], Some(part)) = (verdicts.as_slice(), &settings.only) {
+            screen::error(format_args!(
+                "--only {part}: no case has that in its name; run without it to see all names"
+            ));
+            return Exit::Refused;
+        }
         let failed = verdicts.iter().filter(|v| !v.faults.is_empty()).count();
+        let undecided =
+            verdicts.iter().filter(|v| matches!(v.outcome, Outcome::Picture { undecided: true, .. })).count();
         match self.json {
             true => screen::json(
-                &serde_json::json!({ "cases": verdicts.len(), "failed": failed, "verdicts": verdicts }),
+                &serde_json::json!({ "cases": verdicts.len(), "failed": failed, "undecided": undecided, "verdicts": verdicts }),
             ),
-            false => screen::result(format_args!("{} cases, {failed} failed", verdicts.len())),
+            false => screen::result(format_args!(
+                "{} cases, {failed} failed, {undecided} undecided",
+                verdicts.len()
+            )),
         }
         if failed == 0 { Exit::Done } else { Exit::Failed }
     }
 }
 
 fn show(Verdict { case, outcome, faults }: &Verdict) {
-    let mark = if faults.is_empty() { "ok    " } else { "FAILED" };
+    let unsure = matches!(outcome, Outcome::Picture { undecided: true, .. });
+    let mark = match (faults.is_empty(), unsure) {
+        (false, _) => "FAILED   ",
+        (true, true) => "undecided",
+        (true, false) => "ok       ",
+    };
     match outcome {
-        Outcome::Picture { error, floor, estimated } => screen::result(format_args!(
-            "{mark} {case:36} error {:5.2} % (floor {:.2} %), estimated {:5.2} %",
+        Outcome::Picture { error, floor, means, estimated, .. } => screen::result(format_args!(
+            "{mark} {case:36} error {:5.2} % (floor {:.2} %), of means {:5.2} % ({:.2} %), estimated {:5.2} %",
             1e2 * error,
             1e2 * floor,
+            1e2 * means[0],
+            1e2 * means[1],
             1e2 * estimated
         )),
         Outcome::Refused { why } => screen::result(format_args!("{mark} {case:36} refused: {why}")),

@@ -559,8 +559,7 @@ impl Level {
             return (inside.deepest_mm > 0.0).then_some(1.0);
         };
         // (What is pressed straight down is brought into shape by its relief, and so is what stands less far inside.)
-        let mendable_mm = relief::DEEPEST * grid.hx.max(grid.hy);
-        if !self.straight_down() && inside.deepest_mm > (PIERCED * depth).max(mendable_mm) {
+        if inside.deepest_mm > (PIERCED * depth).max(self.mendable_mm()) {
             return Some(1.0);
         }
         let between = self.at.contacts.penetration_between(indenter, &self.at.pose, &self.at.u);
@@ -582,6 +581,12 @@ impl Level {
     pub fn relief_tells(&self, indenter: &dyn Indenter) -> bool {
         let depth = self.at.contacts.depth_mm(indenter, &self.at.pose);
         depth <= SHALLOW * self.grid().size[2] && self.at.contacts.rim_part() <= MOST_RIM
+    }
+
+    /// How far inside the body the splines may have the face for its relief to mend that, mm.
+    pub fn mendable_mm(&self) -> f64 {
+        let cell_mm = self.grid().hx.max(self.grid().hy);
+        if self.straight_down() { f64::INFINITY } else { relief::DEEPEST * cell_mm }
     }
 
     /// Whether the indenter has come straight down since the pad was at rest.

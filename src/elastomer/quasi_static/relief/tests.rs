@@ -254,3 +254,17 @@ fn a_contact_that_is_all_rim_has_the_forces_of_the_splines() {
     let [with, without] = with_and_without_relief(0.4, &bar(3.2));
     assert!(with[0] != without[0] && with[1] != without[1], "{with:?} {without:?}");
 }
+
+#[test]
+fn the_rim_of_a_sharp_disc_is_round_a_quarter_of_the_pad_down() {
+    let body = flat(Plan::Disc { diameter_mm: 6.0 }, 0.0);
+    let face = press_to(1.0, &body, None).capture(201, 201).expect("a lattice").surface;
+    for p in &face.positions {
+        let p = p.as_dvec3();
+        let r = p.truncate().length();
+        let above_mm = p.z + 1.0;
+        // (Three quarters of the spacing of the lattice may lie between its last point and the rim.)
+        assert!(r > 3.0 - 0.075 || above_mm < 5e-3, "{above_mm} mm above the disc at {p}");
+        assert!(above_mm > -5e-3, "{above_mm} mm below the disc at {p}");
+    }
+}
