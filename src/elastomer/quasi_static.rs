@@ -12,7 +12,7 @@
 //! ([`cascade`], [`bridge`]); what an increment leaves behind is the displacement and, with friction, the anchors of
 //! the points that touch; a capture shows the face finer than its splines (`relief`). Nothing is computed before the
 //! first touch, and threads stay awake while something is (`wakeful`). An increment that does not converge is halved, and given up with a typed error in the end. What an
-//! answer lacks it states ([`level`], [`probe`], [`symmetry`]), and where that is too much, finer cells are tried
+//! answer lacks it states ([`level`], [`probe`], [`symmetry`], `fold`), and where that is too much, finer cells are tried
 //! (`refinement`).
 
 #![allow(
@@ -28,6 +28,7 @@ pub mod chart;
 pub mod cholesky;
 mod compliance;
 pub mod contact;
+mod fold;
 pub mod frames;
 pub mod grid;
 pub mod lanes;
@@ -236,7 +237,6 @@ impl QuasiStaticSolver {
             cell_mm,
             pressure: &|x, y| loads.at(x / size[0] + 0.5, y / size[1] + 0.5),
             force_n: capture.forces.normal_force_n,
-            deepest_mm: level.mendable_mm(),
             grip: grip.as_ref(),
         };
         let shape = self.pad.shape;

@@ -13,7 +13,7 @@ use super::resolution::{GUESS_RESIDUAL, LONGEST_INCREMENT_MM, Resolution};
 use super::springs::FaceGreen;
 use super::stack::Stack;
 use super::symmetry;
-use super::{probe, relief};
+use super::{fold, probe};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use glam::Vec3;
@@ -48,6 +48,11 @@ const NARROW: f64 = 2.0;
 /// narrow body between the sample points: as a root mean square that is little, and yet the face is none. Found by experiment: of 330
 /// cases the face of one that was an answer before stands further inside, a cone 1.6 mm deep, by 0.27 to 0.6 of it.
 const PIERCED: f64 = 0.25;
+/// What stands less far inside, cells, is brought out by the relief in any case.
+const MENDED: f64 = 0.3;
+/// Part of the face that may be turned over after a drag: more is no face that heights tell. Found by experiment: of 680 cases that of
+/// one is, a dotted ring 1.6 mm deep that is dragged 2 mm, by a hundredth; sharp walls that plough have a thousandth.
+const MOST_FOLDED: f64 = 5e-3;
 /// What a face in relief may be off by besides, relative to depth: its lattice ends a contact where its points are, and the layer
 /// below it is a linear one. Found by experiment: dots with edges rounded by 0.3 mm stay 0.3 % off over whatever cells.
 const RELIEF_ERROR: f64 = 0.0035;
@@ -559,7 +564,11 @@ impl Level {
             return (inside.deepest_mm > 0.0).then_some(1.0);
         };
         // (What is pressed straight down is brought into shape by its relief, and so is what stands less far inside.)
-        if inside.deepest_mm > (PIERCED * depth).max(self.mendable_mm()) {
+        let mendable_mm = MENDED * grid.hx.max(grid.hy);
+        if !self.straight_down() && inside.deepest_mm > (PIERCED * depth).max(mendable_mm) {
+            return Some(1.0);
+        }
+        if !self.straight_down() && fold::part(grid, &self.at.u) > MOST_FOLDED {
             return Some(1.0);
         }
         let between = self.at.contacts.penetration_between(indenter, &self.at.pose, &self.at.u);
@@ -581,12 +590,6 @@ impl Level {
     pub fn relief_tells(&self, indenter: &dyn Indenter) -> bool {
         let depth = self.at.contacts.depth_mm(indenter, &self.at.pose);
         depth <= SHALLOW * self.grid().size[2] && self.at.contacts.rim_part() <= MOST_RIM
-    }
-
-    /// How far inside the body the splines may have the face for its relief to mend that, mm.
-    pub fn mendable_mm(&self) -> f64 {
-        let cell_mm = self.grid().hx.max(self.grid().hy);
-        if self.straight_down() { f64::INFINITY } else { relief::DEEPEST * cell_mm }
     }
 
     /// Whether the indenter has come straight down since the pad was at rest.

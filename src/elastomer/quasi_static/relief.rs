@@ -35,10 +35,6 @@ const SMOOTH: f64 = 0.65;
 const MARGIN: f64 = 5.0;
 /// Over so many cells from where it ends to what is left as it is.
 const FADE: f64 = 2.0;
-/// What a drag has brought further inside the body, cells, is beside a flank, not below it. (What is pressed straight down is below
-/// it, however far a spline that cannot bend as sharply as the body's edge stands inside there: left out, rims of discs pressed a
-/// quarter of the pad down have corners, and sharp bodies lose 2 to 4 % of their force.)
-pub const DEEPEST: f64 = 0.3;
 /// Penetration and gap under pressure that may remain, mm.
 const CLOSE_MM: f32 = 2e-4;
 /// Iterations; a tenth of them is usual.
@@ -88,8 +84,6 @@ pub struct Splined<'a> {
     pub pressure: &'a (dyn Fn(f64, f64) -> f64 + Sync),
     /// The force of all of it, N.
     pub force_n: f64,
-    /// What stands further inside the body is beside it, mm; see [`DEEPEST`].
-    pub deepest_mm: f64,
     /// What holds the face along itself, where that is to be found anew.
     pub grip: Option<&'a Grip>,
 }
@@ -233,7 +227,9 @@ impl Splined<'_> {
 
     /// How far the face is below the body, and what part of a point's surroundings is. `own` is what a point gives way by itself.
     fn under(&self, face: &Surface, window: Window, splined: &[f32], free: &[f32], own: f32) -> Under {
-        let below = |p: DVec3| self.gap(p).filter(|gap| *gap > -self.deepest_mm);
+        // (However far the splines stand inside, for they cannot bend as sharply as the body's edge: without what is more than 0.3
+        // cells inside, rims a quarter of the pad down have corners, and sharp bodies lose 2 to 9 % of their force.)
+        let below = |p: DVec3| self.gap(p);
         let place = |k: usize| face.positions[window.index(face, k)].as_dvec3();
         let at_body: Vec<Option<f64>> =
             (0..window.count()).into_par_iter().with_min_len(FEW).map(|k| below(place(k))).collect();
