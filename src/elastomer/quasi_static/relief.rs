@@ -228,7 +228,7 @@ impl Splined<'_> {
     /// How far the face is below the body, and what part of a point's surroundings is. `own` is what a point gives way by itself.
     fn under(&self, face: &Surface, window: Window, splined: &[f32], free: &[f32], own: f32) -> Under {
         // (However far the splines stand inside, for they cannot bend as sharply as the body's edge: without what is more than 0.3
-        // cells inside, rims a quarter of the pad down have corners, and sharp bodies lose 2 to 9 % of their force.)
+        // cells inside, rims a quarter of the pad down have corners, and sharp bodies lose 3 to 9 % of their force.)
         let below = |p: DVec3| self.gap(p);
         let place = |k: usize| face.positions[window.index(face, k)].as_dvec3();
         let at_body: Vec<Option<f64>> =
