@@ -38,8 +38,7 @@ pub fn check(scene: &Scene) -> Result<(), Error> {
     });
     let camera = ("the camera", farthest(&[scene.camera.origin]));
     let allowed_mm = MOST_REACH * diagonal_mm;
-    // (What is no number is too far, too.)
-    match surfaces.chain(lights).chain([camera]).find(|(_, reach)| !(*reach <= allowed_mm)) {
+    match surfaces.chain(lights).chain([camera]).find(|(_, reach)| *reach > allowed_mm) {
         None => Ok(()),
         Some((part, reach)) => Err(Error::Scene {
             part: part.to_owned(),
