@@ -1,7 +1,7 @@
 //! How small and how large a scene may be: single precision tells points apart to a ten-millionth of the largest coordinate,
 //! and rays start that far off what they leave.
 
-use super::{Error, LightShape, Role, Scene};
+use super::{Error, Role, Scene};
 use glam::Vec3;
 
 /// Diagonal of a pad, mm. (Of pads of 0.02 and of 20 million mm the same picture is seen to the noise of 16 samples a pixel;
@@ -29,13 +29,7 @@ pub fn check(scene: &Scene) -> Result<(), Error> {
     }
     let farthest = |points: &[Vec3]| points.iter().fold(0.0f32, |most, p| most.max(p.abs().max_element()));
     let surfaces = scene.surfaces.iter().map(|s| (s.name.as_str(), farthest(&s.mesh.positions)));
-    let lights = scene.lights.iter().map(|light| {
-        let reach = match &light.shape {
-            LightShape::Mesh(mesh) => farthest(&mesh.positions),
-            shape => farthest(&shape.tessellate().positions),
-        };
-        (light.name.as_str(), reach)
-    });
+    let lights = scene.lights.iter().map(|l| (l.name.as_str(), farthest(&l.shape.tessellate().positions)));
     let camera = ("the camera", farthest(&[scene.camera.origin]));
     let allowed_mm = MOST_REACH * diagonal_mm;
     match surfaces.chain(lights).chain([camera]).find(|(_, reach)| *reach > allowed_mm) {
@@ -56,6 +50,7 @@ pub fn check(scene: &Scene) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::optics::LightShape;
     use crate::optics::bench_scene::{Variant, parse};
     use std::sync::Arc;
 
