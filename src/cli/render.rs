@@ -121,7 +121,10 @@ impl Args {
             times.best_frame_s,
             times.best_structure_s,
             times.best_recolour_s.map_or_else(String::new, |s| format!(", {:.2} ms to recolour", 1e3 * s)),
-            times.estimated_error.map_or_else(String::new, |e| format!(", relRMSE about {:.2} %", 100.0 * e)),
+            times.estimated_error.map_or_else(String::new, |e| {
+                let what = if times.mode == Mode::Fast { "relRMSE" } else { "noise" };
+                format!(", {what} about {:.2} %", 100.0 * e)
+            }),
         ));
         Exit::Done
     }

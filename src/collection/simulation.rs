@@ -178,7 +178,7 @@ impl Simulation {
                 residual: stats.residual,
                 estimated_error: stats.estimated_error,
                 light_error: picture.estimated_error,
-                light_meets_tolerance: picture.meets_tolerance(),
+                light_meets_tolerance: picture.meets_tolerance,
             };
             self.dataset.append_sim(*capture, record, &png, &tiff, &contact)?;
             let _ = self.progress.send(Progress::Simulated { capture: *capture });

@@ -121,9 +121,9 @@ pub struct SimRecord {
     pub residual: f64,
     /// Error of the surface relative to depth, as the solver estimates it.
     pub estimated_error: Option<f64>,
-    /// relRMSE of the picture's light, as the fast mode estimates it; absent in the reference mode.
+    /// relRMSE of the picture's light, as the fast mode estimates it; in the reference mode its noise.
     pub light_error: Option<f64>,
-    /// Whether that is within the tolerance asked for.
+    /// Whether that is within the tolerance asked for; absent where none was.
     pub light_meets_tolerance: Option<bool>,
 }
 

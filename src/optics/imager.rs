@@ -40,6 +40,8 @@ pub struct Background<'a> {
 pub struct Imager {
     sensor: SensorOptics,
     engine: Engine,
+    /// relRMSE asked for, of whatever renders.
+    tolerance: Option<f64>,
     background: Option<Texture>,
     /// What is on the coating.
     albedo: Option<Arc<Texture>>,
@@ -65,8 +67,10 @@ pub struct Picture {
     pub basis: Option<Contents>,
     /// Pad-frame height of what each pixel's centre sees, mm, row 0 on top; NaN where it sees no pad.
     pub depth_mm: Vec<f32>,
-    /// relRMSE to expect of the light (fast mode).
+    /// relRMSE to expect of the light, of the reference mode its noise; a single sample a pixel tells none.
     pub estimated_error: Option<f64>,
+    /// Whether that is within the tolerance asked for; None where none was.
+    pub meets_tolerance: Option<bool>,
     /// How its light was truly rendered.
     pub method: Method,
     /// Set when the error is above what was asked for, or the picture was left to the reference mode.
@@ -122,8 +126,10 @@ impl Imager {
             (Some(_), TextureMode::Ratio) => None,
             _ => markers::printed(sensor),
         };
+        let method = method.into();
         let mut imager = Self {
             sensor: sensor.clone(),
+            tolerance: method.tolerance(),
             albedo: albedo.map(Arc::new),
             engine: Engine::Reference(reference::Settings::default()),
             background,
@@ -135,13 +141,16 @@ impl Imager {
             reuse: Arc::default(),
         };
         let rest = imager.scene(&untouched.at_rest())?;
-        let (engine, fell_back) = Engine::prepare(method.into(), sensor, &rest, store)?;
+        let (engine, fell_back) = Engine::prepare(method, sensor, &rest, store)?;
         imager.engine = engine;
-        imager.notices.extend(fell_back);
         if rest.lights.iter().all(|light| light.radiance == Vec3::ZERO) {
             imager.notices.push(Notice::Dark);
         }
         let seen = imager.seen(&rest)?.0;
+        if let (Some(why), Method::Reference(settings)) = (fell_back, imager.method()) {
+            let noise = seen.estimated_error;
+            imager.notices.push(Notice::FellBack { why, samples: settings.samples, noise });
+        }
         imager.untouched = seen.light.clone();
         imager.untouched_uv = seen.sights.iter().map(|s| s.map(|s| s.uv)).collect();
         let image_mean = imager.background.as_ref().map(|b| b.mean().element_sum() / 3.0);
@@ -192,7 +201,8 @@ impl Imager {
         let depth_mm = sights.iter().map(|s| s.map_or(f32::NAN, |s| s.point.z)).collect();
         let (method, notice) = match (self.method(), not_fast, estimated_error) {
             (Method::Fast { fallback, .. }, Some(why), _) => {
-                let notice = Notice::PictureFellBack { why: why.clone(), samples: fallback.samples };
+                let (why, samples) = (why.clone(), fallback.samples);
+                let notice = Notice::PictureFellBack { why, samples, noise: estimated_error };
                 (Method::Reference(fallback), Some(notice))
             }
             (method @ Method::Fast { tolerance, .. }, None, Some(estimated)) if estimated > tolerance => {
@@ -200,6 +210,7 @@ impl Imager {
             }
             (method, ..) => (method, None),
         };
+        let meets_tolerance = estimated_error.zip(self.tolerance).map(|(error, asked)| error <= asked);
         let basis = basis.as_ref().map(|Basis { films, errors }| Contents {
             basis: films.clone(),
             radiances: scene.lights.iter().map(|l| l.radiance).collect(),
@@ -208,7 +219,18 @@ impl Imager {
         });
         let render_s = made_ready.elapsed().as_secs_f64();
         let light = light.clone();
-        Ok(Picture { rgb, light, basis, depth_mm, estimated_error, method, notice, build_s, render_s })
+        Ok(Picture {
+            rgb,
+            light,
+            basis,
+            depth_mm,
+            estimated_error,
+            meets_tolerance,
+            method,
+            notice,
+            build_s,
+            render_s,
+        })
     }
 
     /// How the camera forms pictures of light, for whoever changes that afterwards.

@@ -7,12 +7,15 @@
 //! A picture depends on scene, samples and seed alone: not on threads, not on tiles. Two pictures of the
 //! same seed use the same random numbers, so that their ratio is less noisy than either.
 
+mod noise;
 mod path;
 mod plate;
 mod prepared;
 
+use super::basis::BasisError;
 use super::{Error, Film, LightBasis, Scene, bsdf::Lobe, bsdf::refract, sampler::Sampler, to_pad};
 use glam::{DVec3, Vec3};
+use noise::Traced;
 use path::Path;
 use prepared::Prepared;
 use rayon::prelude::*;
@@ -61,19 +64,38 @@ impl Renderer {
 
     /// The picture.
     pub fn render(&self, settings: &Settings) -> Film {
-        self.render_sum(settings, 1, |_| 0).swap_remove(0)
+        self.traced(settings, 1, |_| 0).swap_remove(0).picture
+    }
+
+    /// The picture, and what relRMSE its noise is expected to be; that of a single sample a pixel is not known.
+    pub fn render_with_noise(&self, settings: &Settings) -> (Film, Option<f64>) {
+        let Traced { picture, difference } = self.traced(settings, 1, |_| 0).swap_remove(0);
+        let noise = noise::noise(&picture, &difference, settings.samples.max(1));
+        (picture, noise)
     }
 
     /// One picture for each light, in the scene's order; they add up to [`Renderer::render`]. The paths are
     /// followed once, so all of them cost little more than one picture.
     pub fn render_lights(&self, settings: &Settings) -> Vec<Film> {
-        self.render_sum(settings, self.prepared.emitters.len(), |light| light)
+        self.traced_lights(settings).into_iter().map(|traced| traced.picture).collect()
     }
 
-    /// [`Renderer::render_lights`] with the lights' names. The scene's lights must be of radiance 1.
-    pub fn basis(&self, settings: &Settings) -> LightBasis {
-        let names = self.prepared.names.clone();
-        LightBasis { names, films: self.render_lights(settings) }
+    /// [`Renderer::render_lights`] with the lights' names, and with the noise of each and of their sum in these radiances. The
+    /// scene's lights must be of radiance 1.
+    pub fn basis_with_noise(
+        &self,
+        settings: &Settings,
+        radiances: &[Vec3],
+    ) -> (LightBasis, Option<BasisError>) {
+        let halves = |traced: Traced| (traced.picture, traced.difference);
+        let (films, differences) = self.traced_lights(settings).into_iter().map(halves).unzip();
+        let basis = LightBasis { names: self.prepared.names.clone(), films };
+        let error = noise::noise_of_basis(&basis, differences, radiances, settings.samples.max(1));
+        (basis, error)
+    }
+
+    fn traced_lights(&self, settings: &Settings) -> Vec<Traced> {
+        self.traced(settings, self.prepared.emitters.len(), |light| light)
     }
 
     /// What the centre of each pixel sees of the pad's face, row 0 on top: through plates as Snell's law leads
@@ -103,17 +125,17 @@ impl Renderer {
     }
 
     /// `films` pictures; the light `k` goes to picture `film_of(k)`.
-    fn render_sum(
+    fn traced(
         &self,
         settings: &Settings,
         films: usize,
         film_of: impl Fn(usize) -> usize + Sync,
-    ) -> Vec<Film> {
+    ) -> Vec<Traced> {
         let camera = &self.prepared.camera;
         let (width, height) = (camera.width, camera.height);
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
         let samples = settings.samples.max(1);
-        let tiles: Vec<Vec<DVec3>> = (0..columns * rows)
+        let tiles: Vec<Vec<[DVec3; 2]>> = (0..columns * rows)
             .into_par_iter()
             .map(|tile| {
                 let mut path = Path::new(&self.prepared);
@@ -121,22 +143,23 @@ impl Renderer {
                 for (x, y) in pixels_of(tile, columns, width, height) {
                     let sampler = Sampler::new(settings.seed, x as u32, y as u32, samples);
                     let base = sums.len();
-                    sums.resize(base + films, DVec3::ZERO);
+                    sums.resize(base + films, [DVec3::ZERO; 2]);
                     for index in 0..samples {
+                        let half = usize::from(index >= noise::first_half(samples));
                         path.follow(&sampler, index, x as f32, y as f32, &mut |light, value| {
-                            sums[base + film_of(light)] += value.as_dvec3();
+                            sums[base + film_of(light)][half] += value.as_dvec3();
                         });
                     }
                 }
                 sums
             })
             .collect();
-        let mut pictures = vec![Film::new(width, height); films];
+        let mut pictures = vec![Traced::new(width, height); films];
         for (tile, sums) in tiles.iter().enumerate() {
             for ((x, y), sum) in pixels_of(tile, columns, width, height).zip(sums.chunks_exact(films.max(1)))
             {
-                for (picture, value) in pictures.iter_mut().zip(sum) {
-                    picture.pixels[y * width + x] = (*value / f64::from(samples)).as_vec3();
+                for (picture, halves) in pictures.iter_mut().zip(sum) {
+                    picture.put(y * width + x, *halves, samples);
                 }
             }
         }

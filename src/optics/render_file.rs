@@ -75,11 +75,11 @@ pub struct Times {
     pub radiances: Vec<Vec3>,
     /// Whether what is needed once was there from an earlier run.
     pub prepared_before: bool,
-    /// relRMSE to expect of the picture (fast mode), with a basis of the sum of its pictures.
+    /// relRMSE to expect of the picture, of the reference mode its noise; with a basis of the sum of its pictures.
     pub estimated_error: Option<f64>,
-    /// Whether that is within the tolerance asked for.
+    /// Whether that is within the tolerance asked for (fast mode).
     pub meets_tolerance: Option<bool>,
-    /// relRMSE to expect of each picture of a basis (fast mode), by light.
+    /// relRMSE to expect of each picture of a basis, by light.
     pub basis_errors: Option<Vec<f64>>,
 }
 
@@ -167,8 +167,13 @@ fn render_on_pool(
                 shorter(&mut best[0], start);
                 let start = Instant::now();
                 match request.basis {
-                    true => basis = Some(renderer.basis(&settings)),
-                    false => picture = renderer.render(&settings),
+                    true => {
+                        let (films, noise) = renderer.basis_with_noise(&settings, &radiances);
+                        basis = Some(films);
+                        (basis_errors, estimated_error) =
+                            noise.map(|noise| (noise.lights, noise.together)).unzip();
+                    }
+                    false => (picture, estimated_error) = renderer.render_with_noise(&settings),
                 }
                 shorter(&mut best[1], start);
             }
@@ -212,7 +217,7 @@ fn render_on_pool(
         radiances,
         prepared_before,
         estimated_error,
-        meets_tolerance: estimated_error.map(|error| error <= request.tolerance),
+        meets_tolerance: estimated_error.filter(|_| once.is_some()).map(|error| error <= request.tolerance),
         basis_errors,
     };
     Ok(Rendered { picture, basis, times })

@@ -55,21 +55,16 @@ pub struct Picture {
     /// One picture a light, where [asked for](Wear::light_by_light). An untouched image that is worn is not in them: it brings
     /// its own light.
     pub basis: Option<Contents>,
-    /// relRMSE to expect of its light (fast mode).
+    /// relRMSE to expect of its light, of the reference mode its noise.
     pub estimated_error: Option<f64>,
+    /// Whether that is within the tolerance asked for; None where none was.
+    pub meets_tolerance: Option<bool>,
     /// How its light was truly rendered, for the record: after a fall back that is not what was asked for.
     pub method: Method,
     /// Set when the error is above what was asked for, or the picture was left to the reference mode.
     pub notice: Option<Notice>,
     /// Time it took.
     pub took: Duration,
-}
-
-impl Picture {
-    /// Whether its light is expected to be within the tolerance asked for; None where nothing is estimated.
-    pub fn meets_tolerance(&self) -> Option<bool> {
-        self.estimated_error.map(|_| !matches!(self.notice, Some(Notice::AboveTolerance { .. })))
-    }
 }
 
 impl Wear {
@@ -160,6 +155,7 @@ impl View {
             contact_box_px,
             basis: seen.basis,
             estimated_error: seen.estimated_error,
+            meets_tolerance: seen.meets_tolerance,
             method: seen.method,
             notice: seen.notice,
             took: begun.elapsed(),

@@ -90,7 +90,7 @@ impl Desk<'_> {
             line["optics_mode"] = serde_json::json!(picture.method.name());
             line["spp"] = serde_json::json!(picture.method.samples());
             line["light_error"] = serde_json::json!(picture.estimated_error);
-            line["light_meets_tolerance"] = serde_json::json!(picture.meets_tolerance());
+            line["light_meets_tolerance"] = serde_json::json!(picture.meets_tolerance);
         }
         line.to_string()
     }

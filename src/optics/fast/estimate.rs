@@ -176,6 +176,10 @@ impl Renderer<'_> {
     /// give back; pixels over creases are means of a few pieces, and their variance tells the error of the mean. The
     /// constants were found by comparing with the reference (see the tests).
     pub(super) fn estimated_error(&self, pictures: &frame::Pictures, lit: Lit, effort: &Effort) -> f64 {
+        // Without any light a picture is black, and rightly so.
+        if lit == Lit::ByAll && self.once.radiances.iter().all(|radiance| *radiance == Vec3::ZERO) {
+            return 0.0;
+        }
         let n = (pictures.films[0].pixels.len() * 3) as f64;
         let mean = f64::from(self.mean_light(pictures, lit).element_sum() / 3.0).max(1e-30);
         let of = |numbers: &[f64]| match lit {
@@ -248,6 +252,16 @@ mod tests {
         let (_, stated) = Renderer::new(&ONCE, &scene, 1e-4).unwrap().basis_with_error();
         assert!((0.002..0.003).contains(&stated.together), "{}", stated.together);
         assert!(stated.lights.iter().all(|error| (0.004..0.005).contains(error)), "{:?}", stated.lights);
+    }
+
+    #[test]
+    fn a_picture_without_light_is_black_for_certain() {
+        let mut dark = scene(Variant::Ac, |_, _| 0.0);
+        dark.lights.iter_mut().for_each(|light| light.radiance = Vec3::ZERO);
+        let once = Precomputed::new(&dark).unwrap();
+        let (image, stated) = Renderer::new(&once, &dark, 0.005).unwrap().render_with_error();
+        assert!(image.pixels.iter().all(|light| *light == Vec3::ZERO));
+        assert_eq!(stated, 0.0);
     }
 
     #[test]

@@ -203,7 +203,7 @@ fn the_error_of_each_picture_of_a_basis_is_stated_and_that_of_their_sum_is_the_p
         let mut white = scene.clone();
         white.lights.iter_mut().for_each(|l| l.radiance = Vec3::ONE);
         let judge = reference::Renderer::new(&white).unwrap();
-        let [a, b] = [1, 2].map(|seed| judge.basis(&reference::Settings { samples: 32, seed }).films);
+        let [a, b] = [1, 2].map(|seed| judge.render_lights(&reference::Settings { samples: 32, seed }));
         for ((film, stated), (a, b)) in basis.films.iter().zip(&stated.lights).zip(a.iter().zip(&b)) {
             let noise = a.relative_rmse(b) / 2.0;
             let pixels = a.pixels.iter().zip(&b.pixels).map(|(p, q)| (*p + *q) * 0.5).collect();

@@ -1,6 +1,5 @@
 //! How an imager's light is rendered: by the method that was asked for, or the one that it is left to.
 
-use super::notice::Notice;
 use crate::optics::reuse::{Basis, Seen};
 use crate::optics::sensor::SensorOptics;
 use crate::optics::sensor_scene::not_fast;
@@ -32,6 +31,14 @@ impl Method {
         }
     }
 
+    /// relRMSE asked for, where that is what is chosen.
+    pub fn tolerance(&self) -> Option<f64> {
+        match self {
+            Method::Reference(_) => None,
+            Method::Fast { tolerance, .. } => Some(*tolerance),
+        }
+    }
+
     /// Samples a pixel, where that is what is chosen.
     pub fn samples(&self) -> Option<u32> {
         match self {
@@ -58,7 +65,7 @@ pub(super) enum Engine {
 }
 
 impl Engine {
-    /// Makes a method ready for a sensor whose untouched face is at `rest`, and tells where another one has to do.
+    /// Makes a method ready for a sensor whose untouched face is at `rest`, and tells why where another one has to do.
     ///
     /// # Errors
     /// When the scene cannot be rendered by any.
@@ -67,7 +74,7 @@ impl Engine {
         sensor: &SensorOptics,
         rest: &Scene,
         store: Option<&Store>,
-    ) -> Result<(Self, Option<Notice>), Error> {
+    ) -> Result<(Self, Option<String>), Error> {
         let (tolerance, fallback) = match method {
             Method::Reference(settings) => return Ok((Engine::Reference(settings), None)),
             Method::Fast { tolerance, fallback } => (tolerance, fallback),
@@ -81,9 +88,7 @@ impl Engine {
         };
         match prepared {
             Ok(once) => Ok((Engine::Fast { once: Arc::new(once), tolerance, fallback }, None)),
-            Err(why @ Error::NotFast { .. }) => {
-                Ok((Engine::Reference(fallback), Some(Notice::FellBack { why: why.to_string(), samples })))
-            }
+            Err(why @ Error::NotFast { .. }) => Ok((Engine::Reference(fallback), Some(why.to_string()))),
             Err(e) => Err(e),
         }
     }
@@ -142,21 +147,25 @@ enum Renderer<'a> {
 }
 
 impl Ready<'_> {
-    /// The light on the pad, what pixels see of it, and what relRMSE to expect where that is known.
+    /// The light on the pad, what pixels see of it, and what relRMSE to expect: of the reference mode its noise.
     pub fn seen(self) -> Seen {
         let sights = match &self.renderer {
             Renderer::Reference(renderer, _) => renderer.sights(),
             Renderer::Fast(renderer) => renderer.sights(),
         };
         let (light, basis, estimated_error) = match (&self.renderer, &self.radiances) {
-            (Renderer::Reference(renderer, settings), None) => (renderer.render(settings), None, None),
+            (Renderer::Reference(renderer, settings), None) => {
+                let (light, noise) = renderer.render_with_noise(settings);
+                (light, None, noise)
+            }
             (Renderer::Fast(renderer), None) => {
                 let (light, error) = renderer.render_with_error();
                 (light, None, Some(error))
             }
             (Renderer::Reference(renderer, settings), Some(radiances)) => {
-                let films = renderer.basis(settings);
-                (films.combine(radiances), Some(Basis { films, errors: None }), None)
+                let (films, noise) = renderer.basis_with_noise(settings, radiances);
+                let (errors, together) = noise.map(|noise| (noise.lights, noise.together)).unzip();
+                (films.combine(radiances), Some(Basis { films, errors }), together)
             }
             (Renderer::Fast(renderer), Some(radiances)) => {
                 let (films, error) = renderer.basis_with_error();

@@ -11,6 +11,8 @@ pub enum Notice {
         why: String,
         /// Samples a pixel.
         samples: u32,
+        /// relRMSE of the noise to expect.
+        noise: Option<f64>,
     },
     /// The fast mode renders this sensor, but not this pad: the reference mode does, once.
     PictureFellBack {
@@ -18,6 +20,8 @@ pub enum Notice {
         why: String,
         /// Samples a pixel.
         samples: u32,
+        /// relRMSE of the noise to expect.
+        noise: Option<f64>,
     },
     /// No light shines.
     Dark,
@@ -40,16 +44,12 @@ pub enum Notice {
 impl std::fmt::Display for Notice {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Notice::FellBack { why, samples } => write!(
-                f,
-                "pictures are made in the reference mode, {samples} samples a pixel, which is slow: {why}. \
-                 An optics.samples above {samples} in the rig file takes more samples, and less noise"
-            ),
-            Notice::PictureFellBack { why, samples } => write!(
-                f,
-                "the picture is made in the reference mode, {samples} samples a pixel, which is slow: {why}. \
-                 An optics.samples above {samples} in the rig file takes more samples, and less noise"
-            ),
+            Notice::FellBack { why, samples, noise } => {
+                write!(f, "pictures are made in the reference mode, {}", traced(why, *samples, *noise))
+            }
+            Notice::PictureFellBack { why, samples, noise } => {
+                write!(f, "the picture is made in the reference mode, {}", traced(why, *samples, *noise))
+            }
             Notice::Dark => write!(
                 f,
                 "no light of the sensor shines, so its simulated pictures are black; give one an energy and a colour above 0"
@@ -71,6 +71,16 @@ impl std::fmt::Display for Notice {
             ),
         }
     }
+}
+
+/// What to know of pictures that are traced.
+fn traced(why: &str, samples: u32, noise: Option<f64>) -> String {
+    let noise =
+        noise.map_or_else(String::new, |noise| format!(" and leaves {:.1} % of noise", 100.0 * noise));
+    format!(
+        "{samples} samples a pixel, which is slow{noise}: {why}. An optics.samples above {samples} in the rig file takes \
+         more samples, and less noise: four times as many leave half of it or less"
+    )
 }
 
 /// What is to be said of an image whose pixels are white or black in all colours, from this part of them on.

@@ -170,7 +170,7 @@ fn what_hides_or_bends_light_falls_back_and_names_its_key() {
         let fallback = Settings { samples: 1, seed: 0 };
         let imager =
             Imager::new(&sensor, Method::Fast { tolerance: TOLERANCES[1], fallback }, None, &flat()).unwrap();
-        let [Notice::FellBack { why, samples: 64 }] = imager.notices() else {
+        let [Notice::FellBack { why, samples: 64, .. }] = imager.notices() else {
             panic!("{:?}", imager.notices())
         };
         assert!(why.starts_with(told), "{why}");
