@@ -84,7 +84,10 @@ const GLOW_ERROR: f64 = 0.3;
 const ECHO_ERROR: f64 = 0.25;
 /// What steep flanks add, by the rms of |n - n0|^2 over the untouched normal n0: shadows' edges are interpolated between nodes.
 /// More so where bent horizons are not followed finely.
-const STEEP_ERROR: [f64; 2] = [0.03, 0.055];
+const STEEP_ERROR: [f64; 2] = [0.01, 0.055];
+/// What flanks add that face each other, by the square of the same: cells in a groove are as wide as its walls are apart. (Parallel
+/// lines pressed 1 mm are 1.4 % off, dotted ring, shell, moon and hexagon 0.3 to 0.5 %.)
+const GROOVE_ERROR: f64 = 0.085;
 /// What sharp rims add at least where bent horizons are not followed finely: a pin of 0.3 mm hardly counts among the flanks of a
 /// face, and throws a shadow across it that is off by 0.6 to 0.8 % of the picture.
 const RIM_ERROR: f64 = 0.0075;
@@ -198,6 +201,7 @@ impl Renderer<'_> {
         let steep = STEEP_ERROR[usize::from(!effort.fine)] * pictures.steepness;
         let rims = if !effort.fine && self.heights.has_sharp_rims() { RIM_ERROR } else { 0.0 };
         let steep = steep.max(rims);
+        let groove = GROOVE_ERROR * pictures.steepness * pictures.steepness;
         let plate = if self.once.view.slab.is_some() { PLATE_ERROR } else { 0.0 };
         let curved = if self.once.total.parts().0.is_curved() { CURVED_ERROR } else { 0.0 };
         let sources = || self.once.sources.iter().enumerate().filter(|(l, _)| shines(*l)).map(|(_, s)| s);
@@ -211,7 +215,7 @@ impl Renderer<'_> {
             let dark = (0.5 / faced.max(LEAST_FACED)).max(1.0) - 1.0;
             SIDED_ERROR * (1.0 + dark / lights_in_effect)
         });
-        [base, bounce, glow, feet, echo, spread, steep, plate, tube, curved, profile, lost, sided]
+        [base, bounce, glow, feet, echo, spread, steep, groove, plate, tube, curved, profile, lost, sided]
             .iter()
             .map(|e| e * e)
             .sum::<f64>()

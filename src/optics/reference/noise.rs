@@ -98,9 +98,9 @@ mod tests {
         let (again, _) = white.basis_with_noise(&Settings { seed: 4, ..settings }, &radiances);
         let shown = |a: &super::Film, b: &super::Film| a.relative_rmse(b) / 2f64.sqrt();
         let of_sum = shown(&basis.combine(&radiances), &again.combine(&radiances));
-        assert!((0.95..1.4).contains(&(noise.together / of_sum)), "{} {of_sum}", noise.together);
+        assert!((0.9..1.6).contains(&(noise.together / of_sum)), "{} {of_sum}", noise.together);
         for ((a, b), stated) in basis.films.iter().zip(&again.films).zip(&noise.lights) {
-            assert!((0.95..1.4).contains(&(stated / shown(a, b))), "{stated} {}", shown(a, b));
+            assert!((0.9..1.6).contains(&(stated / shown(a, b))), "{stated} {}", shown(a, b));
         }
         let once = Settings { samples: 1, seed: 3 };
         assert_eq!(white.render_with_noise(&once).1, None);
