@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 const VIRTUAL: &str = "rig_configs/virtual.toml";
 const SMALL: &str = "rig_configs/plans/small.toml";
+const NO_TEXTURE: &str = "sensor.optics.texture=none";
 /// A picture that costs nothing.
 const CHEAP: [&str; 6] = [
     "optics.samples=1",
@@ -561,6 +562,10 @@ fn what_optics_cannot_do_is_refused_before_the_work() {
         (&["bench", "optics", "--cases", "glossy", "--tolerance", "7"], "0.0001 to 0.5"),
         (&["stress", "optics", "--tolerance", "9"], "0.0001 to 0.5"),
         (&["simulate", VIRTUAL, SMALL, "--out", &nowhere, "--surface", "--background", &file], "--render"),
+        (
+            &["simulate", VIRTUAL, SMALL, "--out", &nowhere, "--set", NO_TEXTURE, "--background", &file],
+            "sensor.optics.texture=ratio",
+        ),
     ];
     for (args, says) in cases {
         let output = run(args);

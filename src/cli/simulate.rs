@@ -18,7 +18,7 @@ use crate::assemble;
 use crate::config::Setup;
 use crate::image::png;
 use crate::optics::basis_folder;
-use crate::optics::sensor::CameraSpec;
+use crate::optics::sensor::{CameraSpec, TextureMode};
 use crate::session::{StopLevel, StopSwitch};
 use crate::twin::branches::grow;
 use crate::twin::{Twin, Walk, Wear};
@@ -129,6 +129,10 @@ impl Args {
         let plan = setup.plan.as_ref().ok_or(SimulateError::NoPlan)?;
         let trajectory = &plan.trajectory;
         let twin = assemble::twin(setup)?;
+        let wears_none = twin.view.sensor.texture == TextureMode::None;
+        if let Some(path) = self.background.clone().filter(|_| wears_none) {
+            return Err(SimulateError::Bare { path });
+        }
         let wanted = self.wanted(trajectory.captures.len() as u32)?;
         let mark = Mark::of(trajectory, setup);
         mark.belongs_in(&self.out)?;
@@ -290,6 +294,12 @@ enum SimulateError {
         path.display()
     )]
     Unworn { path: PathBuf },
+    #[error(
+        "--background {}: the sensor's optics.texture is \"none\", which wears no picture; give --set \
+         sensor.optics.texture=ratio (or lit), or leave it out",
+        path.display()
+    )]
+    Bare { path: PathBuf },
     #[error(
         "--basis renders one picture a light, and the sensor has no light; leave it out, or give the sensor a light"
     )]
