@@ -263,6 +263,7 @@ impl SimulateError {
             | Self::Occupied { .. }
             | Self::Twin(_)
             | Self::Unworn { .. }
+            | Self::Bare { .. }
             | Self::NoLight
             | Self::Read { .. }
             | Self::Size { .. }
