@@ -55,7 +55,7 @@ pub struct Args {
     /// Where to write the picture (.npy, or .png for a look; of a sensor as its camera gives it, but for the noise)
     #[arg(long, value_name = "FILE", value_parser = picture_file::parse)]
     pub out: PathBuf,
-    /// Render one picture a light and write them here; the picture is then made of them. Of the fast mode estimated_error
+    /// Render one picture a light and write them here; the picture is then made of them. estimated_error
     /// is that of their sum, of which the tolerance is asked, and basis_errors are those of the pictures in turn
     #[arg(long, value_name = "FOLDER")]
     pub basis: Option<PathBuf>,
