@@ -23,6 +23,7 @@ mod echo;
 mod eclipse;
 mod estimate;
 mod exchange;
+mod facet;
 mod fixed;
 mod frame;
 mod gains;

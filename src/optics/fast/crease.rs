@@ -2,6 +2,7 @@
 //! of samples, each with the triangle on top there.
 
 use super::desk::{Desk, Rectangle};
+use super::facet;
 use super::frame::Frame;
 use super::gains::Split;
 use super::lanes::{Eight, Vectors, WIDTH, lanes};
@@ -33,56 +34,17 @@ pub struct Piece {
     value: f32,
     triangle: u32,
     /// Its part of the pixel.
-    part: f32,
-    /// The same place and its normal on the pad, and of which of the ways that a pixel faces it is.
-    point: Vec3,
-    normal: Vec3,
-    facet: usize,
+    pub part: f32,
+    /// The same place on the pad, and its normal.
+    pub point: Vec3,
+    pub normal: Vec3,
 }
 
 impl Piece {
     fn new(at: Vec2, value: f32, triangle: u32, part: f32) -> Self {
-        Self { at, value, triangle, part, point: Vec3::ZERO, normal: Vec3::Z, facet: 0 }
+        Self { at, value, triangle, part, point: Vec3::ZERO, normal: Vec3::Z }
     }
 }
-
-/// A way that a part of a pixel faces, by its largest piece, and the places of its lowest and highest one.
-struct Facet {
-    normal: Vec3,
-    point: Vec3,
-    part: f32,
-    ends: [Vec3; 2],
-}
-
-impl Facet {
-    fn new(piece: &Piece) -> Self {
-        Self { normal: piece.normal, point: piece.point, part: piece.part, ends: [piece.point; 2] }
-    }
-
-    fn add(&mut self, piece: &Piece) {
-        if self.part < piece.part {
-            (self.normal, self.point, self.part) = (piece.normal, piece.point, piece.part);
-        }
-        let [low, high] = &mut self.ends;
-        if piece.point.z < low.z {
-            *low = piece.point;
-        }
-        if piece.point.z > high.z {
-            *high = piece.point;
-        }
-    }
-
-    /// Whether what is hidden from its ends is looked at: from the foot of a flank most of a light may be hidden, and nothing from
-    /// its top.
-    fn is_tall(&self) -> bool {
-        self.ends[1].z - self.ends[0].z > TALL_MM
-    }
-}
-
-/// Pieces whose normals have a larger cosine face alike.
-const ALIKE: f32 = 0.8;
-/// Facets that are higher are tall, mm.
-const TALL_MM: f32 = 0.005;
 
 /// Cuts the triangles of some quads at the edges of a pixel. False where they do not cover it once: where it shows a fold
 /// or a rim.
@@ -256,44 +218,13 @@ impl Desk<'_> {
         if !cut(frame.vertices, frame.nx, middle, [i0, i1, j0, j1], &mut pieces) {
             sample(frame.vertices, frame.nx, middle, [i0, i1, j0, j1], &mut pieces);
         }
-        // Where each is, and what the pad hides from it: of all that face alike as from the largest of them, or by their height between
-        // the lowest and the highest.
-        let mut facets: Vec<Facet> = Vec::new();
         for piece in &mut pieces {
             piece.point = super::View::point(frame.ray_in([x, y], piece.at), piece.value);
             piece.normal = frame.normal(piece.triangle);
-            let alike = |facet: &Facet| facet.normal.dot(piece.normal) > ALIKE;
-            piece.facet = facets.iter().position(alike).unwrap_or(facets.len());
-            match facets.get_mut(piece.facet) {
-                Some(facet) => facet.add(piece),
-                None => facets.push(Facet::new(piece)),
-            }
         }
         let stride = frame.slots.stride();
         let mut own = std::mem::take(&mut self.horizons);
-        own.resize((2 * facets.len() + pieces.len()) * stride, 0.0);
-        let (ends, nodes) = own.split_at_mut(2 * facets.len() * stride);
-        for (ends, facet) in ends.chunks_exact_mut(2 * stride).zip(&facets) {
-            if facet.is_tall() {
-                let filled = ends.chunks_exact_mut(stride).zip(facet.ends);
-                filled.for_each(|(node, point)| frame.fill_horizons(point, node));
-            } else {
-                frame.fill_horizons(facet.point, &mut ends[..stride]);
-            }
-        }
-        let first_own = ends.len();
-        for (node, piece) in nodes.chunks_exact_mut(stride).zip(&pieces) {
-            let facet = &facets[piece.facet];
-            let (low, high) = ends[2 * piece.facet * stride..][..2 * stride].split_at(stride);
-            if facet.is_tall() {
-                let up = (piece.point.z - facet.ends[0].z) / (facet.ends[1].z - facet.ends[0].z);
-                node.iter_mut().zip(low.iter().zip(high)).for_each(|(own, (a, b))| *own = a + (b - a) * up);
-                let flags = (0..once.sources.len()).map(|l| frame.slots.light(l));
-                flags.for_each(|k| node[k] = low[k].max(high[k]));
-            } else {
-                node.copy_from_slice(low);
-            }
-        }
+        facet::horizons(frame, &pieces, &mut own);
         // The light on each.
         let mut light = vec![Vec3::ZERO; films];
         let (mut seen, mut whole) = (Pieces::new(films), 0.0f32);
@@ -303,7 +234,7 @@ impl Desk<'_> {
             let (mut points, mut normals) = (Vectors::all(Vec3::ZERO), Vectors::all(Vec3::Z));
             let mut albedos = [Vec3::ZERO; WIDTH];
             let mut corner = [0; WIDTH];
-            let start = first_own + number * WIDTH * stride;
+            let start = number * WIDTH * stride;
             let mut starts = [start; WIDTH];
             for (lane, piece) in batch.iter().enumerate() {
                 let (p, n) = (piece.point, piece.normal);
