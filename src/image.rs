@@ -212,7 +212,7 @@ pub enum Error {
 }
 
 /// Requires equal sizes.
-pub(crate) fn same_size(what: &'static str, expected: (u32, u32), found: (u32, u32)) -> Result<(), Error> {
+pub fn same_size(what: &'static str, expected: (u32, u32), found: (u32, u32)) -> Result<(), Error> {
     if expected == found {
         return Ok(());
     }

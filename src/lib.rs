@@ -51,20 +51,10 @@
 //! the unit is in the name. Time is `Duration` or [`clock::Timestamp`]. Errors name the thing, the value, what is
 //! allowed, and the next move; every layer has its own `thiserror` enum.
 
-// Layer 0: vocabulary; what is kept between runs.
-pub mod cache;
-pub mod clock;
-pub mod frame;
-pub mod pose;
-pub mod problem;
-pub mod units;
-// Layer 1a: shapes, images.
-pub mod image;
-pub mod indenter;
+// Layers 0 and 1a, and of 1b what is physics, are a package of their own.
+pub use twinrig_physics::{cache, clock, elastomer, frame, image, indenter, optics, pose, problem, units};
 // Layer 1b: pure domains.
-pub mod elastomer;
 pub mod motion;
-pub mod optics;
 pub mod protocol;
 // Layer 2: uses of the domains.
 pub mod dataset;

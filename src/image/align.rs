@@ -8,8 +8,8 @@
 //! [`apply`] shifts and crops both pictures to what they share. Rotation and scale are not looked for.
 
 use super::{Error, Picture, View, same_size};
-use rustfft::{FftPlanner, num_complex::Complex};
 use serde::{Deserialize, Serialize};
+use twinrig_fourier::{Complex, Direction, double};
 
 /// By how much a picture lies to the right of and below another, pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -96,10 +96,9 @@ fn grey(view: View<'_>) -> Vec<f64> {
 
 /// Integer shift of the highest phase correlation.
 fn phase_correlation(a: &[f64], b: &[f64], w: usize, h: usize) -> Shift {
-    let mut planner = FftPlanner::new();
-    let mut spectrum = |p: &[f64]| {
+    let spectrum = |p: &[f64]| {
         let mut s = windowed_slopes(p, w, h);
-        transform(&mut s, w, h, &mut planner, false);
+        transform(&mut s, w, h, Direction::Forward);
         s
     };
     let (sa, sb) = (spectrum(a), spectrum(b));
@@ -107,7 +106,7 @@ fn phase_correlation(a: &[f64], b: &[f64], w: usize, h: usize) -> Shift {
     // Whitening, with a floor so that empty frequencies do not turn into noise.
     let floor = cross.iter().map(|c| c.norm()).sum::<f64>() / cross.len() as f64 * 1e-2 + f64::MIN_POSITIVE;
     cross.iter_mut().for_each(|c| *c /= c.norm() + floor);
-    transform(&mut cross, w, h, &mut planner, true);
+    transform(&mut cross, w, h, Direction::Inverse);
     let peak = (0..cross.len()).max_by(|&i, &j| cross[i].re.total_cmp(&cross[j].re)).unwrap_or(0);
     let signed = |i: usize, n: usize| if i > n / 2 { i as f64 - n as f64 } else { i as f64 };
     Shift { dx_px: signed(peak % w, w), dy_px: signed(peak / w, h) }
@@ -128,11 +127,10 @@ fn windowed_slopes(p: &[f64], w: usize, h: usize) -> Vec<Complex<f64>> {
 }
 
 /// Two-dimensional FFT in place.
-fn transform(data: &mut [Complex<f64>], w: usize, h: usize, planner: &mut FftPlanner<f64>, inverse: bool) {
-    let mut plan = |n: usize| if inverse { planner.plan_fft_inverse(n) } else { planner.plan_fft_forward(n) };
-    plan(w).process(data);
+fn transform(data: &mut [Complex<f64>], w: usize, h: usize, direction: Direction) {
+    double(w, direction).process(data);
     let mut columns: Vec<Complex<f64>> = (0..w * h).map(|k| data[(k % h) * w + k / h]).collect();
-    plan(h).process(&mut columns);
+    double(h, direction).process(&mut columns);
     for (k, value) in columns.into_iter().enumerate() {
         data[(k % h) * w + k / h] = value;
     }

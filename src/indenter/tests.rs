@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use std::collections::BTreeMap;
 
 fn spec(name: &str) -> IndenterSpec {
-    let path = format!("{}/rig_configs/indenters/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    let path = format!("{}/../../rig_configs/indenters/{name}.toml", env!("CARGO_MANIFEST_DIR"));
     let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{path}: {e}"));
     toml::from_str(&text).unwrap_or_else(|e| panic!("{path}: {e}"))
 }

@@ -3,7 +3,7 @@
 use super::body::Body;
 use super::transforms::Transforms;
 use rayon::prelude::*;
-use rustfft::num_complex::Complex;
+use twinrig_fourier::Complex;
 
 /// Beyond so many radians through the depth a layer is as good as a half-space, and below so many as one that is pressed
 /// everywhere.

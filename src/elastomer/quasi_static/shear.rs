@@ -9,7 +9,7 @@ use super::body::Body;
 use super::compliance::{SHALLOW, of_layer};
 use super::transforms::Transforms;
 use rayon::prelude::*;
-use rustfft::num_complex::Complex;
+use twinrig_fourier::Complex;
 
 /// See [`super::compliance::Compliance`]'s. Found by experiment: discs with radii of 12 to 23 points, anywhere on the lattice, twisted
 /// on a half-space, take 16/3 G a^3 of torque a radian within 1.2 %, a by the points' area.

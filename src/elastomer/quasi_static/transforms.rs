@@ -1,7 +1,7 @@
 //! Fourier transforms of a lattice that nothing surrounds.
 
-use rustfft::{Fft, FftPlanner};
 use std::sync::Arc;
+use twinrig_fourier::{Direction, Fft, single};
 
 /// Those along x and y of a lattice with as many points again, so that nothing is felt around the corner.
 pub struct Transforms {
@@ -17,11 +17,10 @@ impl Transforms {
     /// Of a lattice of `size` points.
     pub fn around(size: [usize; 2]) -> Self {
         let padded = size.map(|n| quick(2 * n));
-        let mut planner = FftPlanner::new();
         Self {
             padded,
-            forward: padded.map(|n| planner.plan_fft_forward(n)),
-            back: padded.map(|n| planner.plan_fft_inverse(n)),
+            forward: padded.map(|n| single(n, Direction::Forward)),
+            back: padded.map(|n| single(n, Direction::Inverse)),
         }
     }
 }

@@ -12,7 +12,7 @@ use crate::elastomer::quasi_static::contact::Grip;
 use crate::elastomer::quasi_static::shear::ShearCompliance;
 use glam::DVec2;
 use rayon::prelude::*;
-use rustfft::num_complex::Complex;
+use twinrig_fourier::Complex;
 
 /// Iterations; a tenth of them is usual.
 const MOST_ITERATIONS: u32 = 200;
