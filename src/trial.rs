@@ -8,6 +8,7 @@
 //! a case that can be stopped runs it in a process of its own.
 
 pub mod bench;
+pub mod features;
 pub mod scene;
 pub mod still_light;
 pub mod stress;

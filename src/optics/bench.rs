@@ -5,6 +5,7 @@
 //! with everything that a changed pad needs anew; what a sensor needs once is told apart.
 
 pub mod cases;
+pub mod features;
 
 use super::bench_scene::Variant;
 use super::reuse::{Reuse, Seen};
@@ -106,7 +107,14 @@ pub struct Report {
     pub cases: Vec<cases::Case>,
     /// Rays a processor second through the reference's tree, one for each pixel's centre.
     pub camera_rays_per_s: f64,
+    /// Rays of all kinds a processor second while the reference renders, all else that it does in that time.
+    pub rays_per_s: f64,
+    /// Rays of all kinds that the reference traces for a sample.
+    pub rays_per_sample: f64,
 }
+
+/// Samples a pixel while rays are counted.
+const RAY_SAMPLES: u32 = 4;
 
 /// Peers on scene Ac: method, size, samples, CPU seconds, relRMSE (measured with Cycles of Blender 4.5 and Mitsuba 3.9
 /// on a Zen 5; two free cores halve the wall time).
@@ -195,6 +203,8 @@ pub fn run(settings: &Settings, cpu: &dyn Fn() -> f64, mut tell: impl FnMut(&str
     };
     let renderer = reference::Renderer::new(&Trial::own(Variant::Ac, settings.size)?.scene)?;
     let (took, sights) = clock.time(|| Ok(renderer.sights()))?;
+    let counted = reference::Settings { samples: RAY_SAMPLES, seed: 1 };
+    let (whole, rays) = clock.time(|| Ok(renderer.render_counting_rays(&counted).1))?;
     Ok(Report {
         threads: rayon::current_num_threads(),
         floors,
@@ -204,6 +214,8 @@ pub fn run(settings: &Settings, cpu: &dyn Fn() -> f64, mut tell: impl FnMut(&str
         still_light: Vec::new(),
         cases: hard,
         camera_rays_per_s: sights.len() as f64 / took.cpu_s.max(1e-9),
+        rays_per_s: rays as f64 / whole.cpu_s.max(1e-9),
+        rays_per_sample: rays as f64 / (sights.len() as f64 * f64::from(RAY_SAMPLES)),
     })
 }
 
@@ -399,6 +411,8 @@ mod tests {
             found.map(|p| p.error).unwrap()
         };
         assert!(report.points.len() == 3 && report.camera_rays_per_s > 0.0);
+        // A sample has a ray from the camera; most have others.
+        assert!(report.rays_per_s > 0.0 && report.rays_per_sample > 1.0, "{}", report.rays_per_sample);
         assert!(of("reference", 4.0) < of("reference", 1.0));
         assert!(of("fast", 0.01) < of("reference", 4.0));
         // Both ways of doing a thing are timed, and their results held against each other.

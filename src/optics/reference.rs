@@ -64,12 +64,18 @@ impl Renderer {
 
     /// The picture.
     pub fn render(&self, settings: &Settings) -> Film {
-        self.traced(settings, 1, |_| 0).swap_remove(0).picture
+        self.render_counting_rays(settings).0
+    }
+
+    /// The picture, and how many rays of all kinds it took.
+    pub fn render_counting_rays(&self, settings: &Settings) -> (Film, u64) {
+        let (mut traced, rays) = self.traced(settings, 1, |_| 0);
+        (traced.swap_remove(0).picture, rays)
     }
 
     /// The picture, and what relRMSE its noise is expected to be; that of a single sample a pixel is not known.
     pub fn render_with_noise(&self, settings: &Settings) -> (Film, Option<f64>) {
-        let Traced { picture, difference } = self.traced(settings, 1, |_| 0).swap_remove(0);
+        let Traced { picture, difference } = self.traced(settings, 1, |_| 0).0.swap_remove(0);
         let noise = noise::noise(&picture, &difference, settings.samples.max(1));
         (picture, noise)
     }
@@ -95,11 +101,11 @@ impl Renderer {
     }
 
     fn traced_lights(&self, settings: &Settings) -> Vec<Traced> {
-        self.traced(settings, self.prepared.emitters.len(), |light| light)
+        self.traced(settings, self.prepared.emitters.len(), |light| light).0
     }
 
     /// What the centre of each pixel sees of the pad's face, row 0 on top: through plates as Snell's law leads
-    /// (reflections apart), None where something else is in the way.
+    /// (reflections and frost apart), None where something else is in the way.
     pub fn sights(&self) -> Vec<Option<Sight>> {
         let camera = &self.prepared.camera;
         (0..camera.width * camera.height)
@@ -117,25 +123,27 @@ impl Renderer {
             if surfel.pad {
                 return Some(Sight { point: to_pad(surfel.hit.point), uv: surfel.uv });
             }
-            let Lobe::Dielectric { eta } = surfel.bsdf.lobe else { return None };
+            let (Lobe::Dielectric { eta } | Lobe::RoughDielectric { eta, .. }) = surfel.bsdf.lobe else {
+                return None;
+            };
             direction = refract(-direction, surfel.normal, eta)?;
             origin = surfel.hit.point - surfel.normal * self.prepared.offset;
         }
         None
     }
 
-    /// `films` pictures; the light `k` goes to picture `film_of(k)`.
+    /// `films` pictures, the light `k` goes to picture `film_of(k)`; and how many rays they took.
     fn traced(
         &self,
         settings: &Settings,
         films: usize,
         film_of: impl Fn(usize) -> usize + Sync,
-    ) -> Vec<Traced> {
+    ) -> (Vec<Traced>, u64) {
         let camera = &self.prepared.camera;
         let (width, height) = (camera.width, camera.height);
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
         let samples = settings.samples.max(1);
-        let tiles: Vec<Vec<[DVec3; 2]>> = (0..columns * rows)
+        let tiles: Vec<(Vec<[DVec3; 2]>, u64)> = (0..columns * rows)
             .into_par_iter()
             .map(|tile| {
                 let mut path = Path::new(&self.prepared);
@@ -151,11 +159,11 @@ impl Renderer {
                         });
                     }
                 }
-                sums
+                (sums, path.rays())
             })
             .collect();
         let mut pictures = vec![Traced::new(width, height); films];
-        for (tile, sums) in tiles.iter().enumerate() {
+        for (tile, (sums, _)) in tiles.iter().enumerate() {
             for ((x, y), sum) in pixels_of(tile, columns, width, height).zip(sums.chunks_exact(films.max(1)))
             {
                 for (picture, halves) in pictures.iter_mut().zip(sum) {
@@ -163,7 +171,7 @@ impl Renderer {
                 }
             }
         }
-        pictures
+        (pictures, tiles.iter().map(|(_, rays)| rays).sum())
     }
 }
 

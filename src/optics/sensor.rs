@@ -98,6 +98,7 @@ impl SensorOptics {
         self.check_baffles(problems);
         self.check_lights(problems);
         problems.within("coating", |p| self.coating.check(p));
+        self.check_metal_film(problems);
         if let Some(markers) = &self.markers {
             problems.within("markers", |p| markers.check(p));
         }
@@ -107,6 +108,26 @@ impl SensorOptics {
         problems.within("mesh", |p| self.mesh.check(p));
         problems.within("image", |p| self.image.check(p));
         problems.range("max_events", f64::from(self.max_events), 1.0, 64.0, "");
+    }
+
+    /// What is printed, or pictured, is on the coat's binder.
+    fn check_metal_film(&self, problems: &mut Problems) {
+        let worn = [
+            ("markers", self.markers.is_some()),
+            ("grain", self.grain.as_ref().is_some_and(GrainSpec::shows)),
+            ("texture = \"lit\"", self.texture == TextureMode::Lit),
+        ];
+        if self.coating.cover() < 1.0 {
+            return;
+        }
+        for (key, _) in worn.into_iter().filter(|(_, is_there)| *is_there) {
+            problems.push(
+                "coating.flakes",
+                self.coating.cover(),
+                format!("below 1 with {key}, which shows on what flakes leave free"),
+                format!("use fewer flakes, e.g. 0.9, or leave out {key}"),
+            );
+        }
     }
 
     fn check_baffles(&self, problems: &mut Problems) {

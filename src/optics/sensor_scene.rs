@@ -29,16 +29,12 @@ pub fn scene(
         Some(texture) => Albedo::Texture(texture.clone()),
         None => Albedo::grey(sensor.coating.albedo as f32),
     };
-    let roughness = sensor.coating.roughness as f32;
-    let material = if roughness >= 1.0 {
-        Material::Lambert { albedo }
-    } else {
-        Material::FlakeCoating {
-            albedo,
-            flakes: 1.0 - roughness,
-            f0: Vec3::splat(FLAKE_REFLECTANCE),
-            alpha: (roughness * roughness).max(0.001),
-        }
+    let (cover, alpha) = (sensor.coating.cover() as f32, alpha_of(sensor.coating.roughness));
+    let f0 = Vec3::splat(FLAKE_REFLECTANCE);
+    let material = match cover {
+        0.0 => Material::Lambert { albedo },
+        1.0 => Material::RoughConductor { f0, alpha },
+        flakes => Material::FlakeCoating { albedo, flakes, f0, alpha },
     };
     let mut surfaces =
         vec![Surface { name: "pad".to_owned(), role: Role::Pad, mesh: Arc::new(mesh), material }];
@@ -67,7 +63,10 @@ pub fn scene(
                 Vec3::new(-half[0], -half[1], low),
                 Vec3::new(half[0], half[1], high),
             )),
-            material: Material::Dielectric { ior: p.ior as f32 },
+            material: match p.roughness {
+                0.0 => Material::Dielectric { ior: p.ior as f32 },
+                roughness => Material::RoughDielectric { ior: p.ior as f32, alpha: alpha_of(roughness) },
+            },
         });
     }
     if let Some(lens) = &sensor.lens {
@@ -132,9 +131,19 @@ pub fn check(sensor: &SensorOptics, untouched: &DisplacedSurface, problems: &mut
 /// it finds of the scene.
 pub fn not_fast(sensor: &SensorOptics) -> Option<Error> {
     let refuse = |key, value: String, what: &str| Some(Error::NotFast { key, value, what: what.to_owned() });
-    let (roughness, radius) = (sensor.coating.roughness, sensor.camera.aperture_radius_mm);
-    if roughness < 1.0 {
-        return refuse("optics.coating.roughness", roughness.to_string(), "1 only, a diffuse coating");
+    let (coating, radius) = (&sensor.coating, sensor.camera.aperture_radius_mm);
+    match coating.flakes {
+        Some(flakes) if flakes > 0.0 => {
+            return refuse("optics.coating.flakes", flakes.to_string(), "0 only, a diffuse coating");
+        }
+        None if coating.roughness < 1.0 => {
+            let roughness = coating.roughness.to_string();
+            return refuse("optics.coating.roughness", roughness, "1 only, a diffuse coating");
+        }
+        _ => {}
+    }
+    if let Some(plate) = sensor.plate.as_ref().filter(|plate| plate.roughness > 0.0) {
+        return refuse("optics.plate.roughness", plate.roughness.to_string(), "0 only, a polished plate");
     }
     if radius > 0.0 {
         return refuse("optics.camera.aperture_radius_mm", radius.to_string(), "0 only, a pinhole");
@@ -148,6 +157,10 @@ pub fn not_fast(sensor: &SensorOptics) -> Option<Error> {
             format!("of index {}", lens.ior),
             "sensors without a lens or dome only",
         );
+    }
+    if let Some(light) = sensor.lights.iter().find(|light| light.two_sided) {
+        let value = format!("{:?}, which shines on both sides", light.name);
+        return refuse("optics.lights", value, "one-sided lights only");
     }
     let of_triangles = |light: &&LightSpec| matches!(light.shape, LightShapeSpec::Mesh { .. });
     let light = sensor.lights.iter().find(of_triangles)?;
@@ -173,6 +186,11 @@ fn key_of(sensor: &SensorOptics, part: &str) -> String {
             }
         }
     }
+}
+
+/// GGX alpha of a roughness.
+fn alpha_of(roughness: f64) -> f32 {
+    ((roughness * roughness) as f32).max(0.001)
 }
 
 /// Reflectance of a metal flake at normal incidence (aluminium).
@@ -232,7 +250,7 @@ fn lights(sensor: &SensorOptics) -> Vec<Light> {
         name: spec.name.clone(),
         shape: shape::of_light(&spec.shape),
         radiance: shape::vector(&spec.rgb) * (spec.energy / RGB_ENERGY_OF_ONE) as f32,
-        two_sided: false,
+        two_sided: spec.two_sided,
         cosine_power: spec.cosine_power as f32,
         albedo: Vec3::splat(spec.albedo as f32),
     };

@@ -15,7 +15,7 @@ use crate::trial::scene;
 use std::sync::Arc;
 
 /// Points of the face along x and y.
-const LATTICE: [usize; 2] = [201, 201];
+pub(super) const LATTICE: [usize; 2] = [201, 201];
 /// How much deeper the second picture of a pair is, mm.
 const DEEPER_MM: f64 = 0.1;
 /// Light that differs by less is called nearly the same, relative; it is far below a code value.
@@ -78,7 +78,7 @@ fn bodies() -> [(&'static str, Arc<dyn Indenter>, Vec<f64>); 2] {
     ]
 }
 
-fn face(capture: &ElastomerCapture) -> DisplacedSurface {
+pub(super) fn face(capture: &ElastomerCapture) -> DisplacedSurface {
     let s = &capture.surface;
     let size_mm = [s.size_x_mm, s.size_y_mm];
     DisplacedSurface { nx: s.nx, ny: s.ny, size_mm, positions: s.positions.clone(), rest_z: Vec::new() }

@@ -11,7 +11,7 @@ use crate::cli::exit::Exit;
 use crate::cli::{options, screen};
 use crate::config::sensor_file;
 use crate::optics::bench::cases::{self, Case};
-use crate::optics::bench::{Point, Report, Settings, StillLight, run};
+use crate::optics::bench::{Effect, Point, Report, Settings, StillLight, run};
 use crate::optics::bench_scene::Variant;
 use crate::trial;
 use std::fmt::Write;
@@ -100,13 +100,15 @@ impl Args {
             }
         };
         if settings.effects {
-            report.still_light = match still_light(self.quick) {
-                Ok(rows) => rows,
+            let (features, rows) = match on_gelsight(self.quick, &settings) {
+                Ok(measured) => measured,
                 Err(e) => {
                     screen::error(e);
                     return Exit::Failed;
                 }
             };
+            report.effects.extend(features);
+            report.still_light = rows;
         }
         if let Some(name) = &self.out
             && let Err(e) = keep(name, &report)
@@ -122,17 +124,23 @@ impl Args {
     }
 }
 
-/// What stays between two pictures of the shipped GelSight.
-fn still_light(is_quick: bool) -> Result<Vec<StillLight>, Box<dyn std::error::Error>> {
-    screen::note("pixels that stay when a press goes deeper ...");
+/// What features of the shipped GelSight cost, and what stays between two pictures of it.
+fn on_gelsight(
+    is_quick: bool,
+    settings: &Settings,
+) -> Result<(Vec<Effect>, Vec<StillLight>), Box<dyn std::error::Error>> {
     let mut sensor = sensor_file(Path::new("gelsight"))?;
     let tolerance = if is_quick { 0.05 } else { 0.005 };
+    screen::note("features of the GelSight ...");
+    let of = (&sensor.pad, &sensor.optics);
+    let features = trial::features::measure(of, settings.size, tolerance, &cpu_seconds, settings.repeat)?;
+    screen::note("pixels that stay when a press goes deeper ...");
     if is_quick {
         let camera = &mut sensor.optics.camera;
         camera.mm_per_px *= 10.0;
         (camera.width_px, camera.height_px) = (camera.width_px / 10, camera.height_px / 10);
     }
-    Ok(trial::still_light::measure(&sensor.pad, &sensor.optics, tolerance)?)
+    Ok((features, trial::still_light::measure(&sensor.pad, &sensor.optics, tolerance)?))
 }
 
 fn show(report: &Report) {
@@ -178,8 +186,11 @@ fn show(report: &Report) {
         ));
     }
     screen::result(format_args!(
-        "rays through the reference's tree: {:.1} M a CPU-s, camera rays alone, one a pixel (shadow rays and scattered ones are not in it)",
-        report.camera_rays_per_s / 1e6
+        "rays through the reference's tree: {:.1} M a CPU-s, camera rays alone, one a pixel; {:.1} M a CPU-s in a picture, all kinds, \
+         with the scattering between them ({:.1} a sample)",
+        report.camera_rays_per_s / 1e6,
+        report.rays_per_s / 1e6,
+        report.rays_per_sample
     ));
 }
 

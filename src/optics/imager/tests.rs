@@ -8,6 +8,7 @@ fn small_sensor(texture: TextureMode) -> SensorOptics {
         rgb,
         energy: 1000.0,
         cosine_power: 0.0,
+        two_sided: false,
         albedo: 0.5,
     };
     SensorOptics {

@@ -17,6 +17,7 @@ use crate::optics::bsdf::{Lobe, concentric_disc};
 use crate::optics::emitter::{Emitter, LightPoint};
 use crate::optics::sampler::Sampler;
 use glam::{Vec2, Vec3};
+use std::cell::Cell;
 use std::f32::consts::FRAC_1_PI;
 
 /// Russian roulette begins after this many events...
@@ -55,12 +56,19 @@ pub struct Path<'a> {
     choice: Vec<f32>,
     /// Whether its diffuse part was added in closed form.
     closed: Vec<bool>,
+    /// Rays traced so far.
+    rays: Cell<u64>,
 }
 
 impl<'a> Path<'a> {
     pub fn new(scene: &'a Prepared) -> Self {
         let n = scene.emitters.len();
-        Self { scene, choice: vec![0.0; n], closed: vec![false; n] }
+        Self { scene, choice: vec![0.0; n], closed: vec![false; n], rays: Cell::new(0) }
+    }
+
+    /// Rays traced so far, of all kinds.
+    pub fn rays(&self) -> u64 {
+        self.rays.get()
     }
 
     /// Follows sample `index` of pixel (x, y) and hands every contribution to `add` with its light.
@@ -81,6 +89,7 @@ impl<'a> Path<'a> {
         let mut arrival = Arrival::Certain;
         let mut event = 0;
         loop {
+            self.rays.set(self.rays.get() + 1);
             let Some(surfel) = scene.trace(origin, direction) else { return };
             if let Some(light) = surfel.light {
                 self.emission(light, &surfel, direction, throughput, arrival, add);
@@ -199,7 +208,7 @@ impl Path<'_> {
         }
         let from = point + normal * (scene.offset * wi.z.signum());
         let target = at.point + at.normal * (scene.offset * cos_light.signum());
-        let visible = !scene.blocked(from, target, k);
+        let visible = !scene.blocked(from, target, k, &self.rays);
         let pdf = self.choice[k] * at.pdf_area * distance2 / cos_light.abs();
         let light = emitter.radiance * (profile / pdf);
         if self.closed[k] && !visible {
@@ -235,12 +244,13 @@ impl Path<'_> {
         let vertical = Vec3::Z * (scene.offset * link.leaving.z.signum());
         let mut from = surfel.hit.point + surfel.normal * scene.offset;
         for crossing in &link.crossings[..link.faces as usize] {
-            if scene.blocked(from, *crossing - vertical, light) {
+            if scene.blocked(from, *crossing - vertical, light, &self.rays) {
                 return 0.0;
             }
             from = *crossing + vertical;
         }
-        if scene.blocked(from, at.point + at.normal * (scene.offset * cos_light.signum()), light) {
+        if scene.blocked(from, at.point + at.normal * (scene.offset * cos_light.signum()), light, &self.rays)
+        {
             return 0.0;
         }
         cos * profile * link.transmittance * link.solid_angle * cos_light.abs()

@@ -6,6 +6,7 @@ use crate::optics::{
     emitter::Emitter,
 };
 use glam::{Vec2, Vec3};
+use std::cell::Cell;
 
 #[derive(Debug, Clone)]
 pub struct Prepared {
@@ -197,10 +198,10 @@ impl Prepared {
         self.clear.iter().any(|bounds| overlaps(bounds, from, to))
     }
 
-    /// Whether something stands between a point and a point of a light. No ray is traced where the boxes
+    /// Whether something stands between a point and a point of a light. No ray is traced, and counted, where the boxes
     /// alone tell that nothing does.
     #[inline]
-    pub fn blocked(&self, from: Vec3, to: Vec3, light: usize) -> bool {
+    pub fn blocked(&self, from: Vec3, to: Vec3, light: usize, rays: &Cell<u64>) -> bool {
         let inside = |[lo, hi]: &[Vec3; 2]| {
             from.cmpge(*lo).all() && from.cmple(*hi).all() && to.cmpge(*lo).all() && to.cmple(*hi).all()
         };
@@ -209,7 +210,11 @@ impl Prepared {
                 .blockers
                 .iter()
                 .all(|(bounds, patch)| *patch == Some(light) || !overlaps(bounds, from, to));
-        !free && self.accel.blocked(from, to)
+        if free {
+            return false;
+        }
+        rays.set(rays.get() + 1);
+        self.accel.blocked(from, to)
     }
 }
 

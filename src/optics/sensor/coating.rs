@@ -10,20 +10,31 @@ pub struct CoatingSpec {
     /// Diffuse reflectance where no texture says otherwise.
     pub albedo: f64,
     /// 1 is fully diffuse (the paper's choice); below, metal flakes show: their GGX alpha is the
-    /// roughness squared and they cover `1 - roughness` of the area.
+    /// roughness squared.
     pub roughness: f64,
+    /// Part of the area that metal flakes cover; left out, `1 - roughness`. With 1 the coat is a metal film.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flakes: Option<f64>,
 }
 
 impl Default for CoatingSpec {
     fn default() -> Self {
-        Self { albedo: 0.5, roughness: 1.0 }
+        Self { albedo: 0.5, roughness: 1.0, flakes: None }
     }
 }
 
 impl CoatingSpec {
+    /// Part of the area that metal flakes cover.
+    pub fn cover(&self) -> f64 {
+        self.flakes.unwrap_or(1.0 - self.roughness)
+    }
+
     pub(super) fn check(&self, p: &mut Problems) {
         p.range("albedo", self.albedo, 0.0, 0.99, "");
         p.range("roughness", self.roughness, 0.05, 1.0, "");
+        if let Some(flakes) = self.flakes {
+            p.range("flakes", flakes, 0.0, 1.0, "of the area");
+        }
     }
 }
 

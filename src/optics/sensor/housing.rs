@@ -63,6 +63,13 @@ pub struct PlateSpec {
     pub thickness_mm: f64,
     /// Index of refraction (acrylic 1.49).
     pub ior: f64,
+    /// Of its faces: 0 is polished; a frosted plate's GGX alpha is the roughness squared.
+    #[serde(default, skip_serializing_if = "is_polished")]
+    pub roughness: f64,
+}
+
+fn is_polished(roughness: &f64) -> bool {
+    *roughness == 0.0
 }
 
 impl PlateSpec {
@@ -75,6 +82,7 @@ impl PlateSpec {
         p.range("gap_mm", self.gap_mm, 0.1, 100.0, "mm");
         p.range("thickness_mm", self.thickness_mm, 0.05, 100.0, "mm");
         p.range("ior", self.ior, 1.0, 4.0, "");
+        p.range("roughness", self.roughness, 0.0, 1.0, "");
         let [_, top] = self.heights_mm();
         if top >= camera.distance_mm {
             p.push(

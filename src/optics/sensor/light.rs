@@ -19,6 +19,9 @@ pub struct LightSpec {
     /// Angular profile: radiance falls as cos^k; 0 is Lambertian.
     #[serde(default)]
     pub cosine_power: f64,
+    /// Whether it shines on both sides, as a sheet that is lit from its edge does.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub two_sided: bool,
     /// Diffuse reflectance of the light's own patch.
     #[serde(default = "default_patch_albedo")]
     pub albedo: f64,
@@ -118,6 +121,14 @@ impl LightSpec {
                     );
                 }
                 p.range("shape.radius_mm", *radius_mm, 1e-3, 100.0, "mm");
+                if self.two_sided {
+                    p.push(
+                        "two_sided",
+                        true,
+                        "rectangles, discs and meshes only: of a tube only the outside is seen",
+                        "leave two_sided out: a tube shines all around",
+                    );
+                }
             }
             LightShapeSpec::Mesh { vertices_mm, triangles } => place::triangles(p, vertices_mm, triangles),
         }

@@ -214,3 +214,94 @@ fn a_pressed_face_that_reaches_into_a_lens_or_a_baffle_is_refused() {
     assert_eq!(told(&sensor, &pressed(1.4, -4.0)), "");
     assert!(told(&sensor, &pressed(1.4, 4.0)).contains("reaches into the baffle \"block\""));
 }
+
+/// What the fast mode says of a sensor that it has no way for.
+fn refused(sensor: &SensorOptics) -> String {
+    not_fast(sensor).map_or_else(String::new, |e| e.to_string())
+}
+
+fn problems_of(sensor: &SensorOptics) -> Vec<String> {
+    let mut problems = Problems::new();
+    sensor.check(&mut problems);
+    problems.into_vec().into_iter().map(|p| format!("{} = {}: {}", p.key, p.value, p.allowed)).collect()
+}
+
+#[test]
+fn a_light_with_two_sides_is_two_lights_back_to_back() {
+    // A sheet across the box, half way up: below it the pad, above it the ceiling.
+    let sheet = "[[lights]]\nname = \"sheet\"\nshape = { kind = \"disc\", center_mm = [0.0, 7.0, -6.0], \
+                 facing = [0.0, 0.0, 1.0], radius_mm = 0.9 }\nrgb = [255.0, 255.0, 255.0]\nenergy = 4000.0\nalbedo = 0.5\n";
+    let mut one = sensor(sheet);
+    one.lights.drain(..2);
+    let mut both = one.clone();
+    both.lights[0].two_sided = true;
+    let mut pair = one.clone();
+    let mut back = one.lights[0].clone();
+    back.name = "back".to_owned();
+    let LightShapeSpec::Disc { center_mm, facing, .. } = &mut back.shape else { unreachable!() };
+    (*center_mm, *facing) = ([0.0, 7.0, -6.002], [0.0, 0.0, -1.0]);
+    pair.lights.push(back);
+    let mean = |sensor: &SensorOptics| render(sensor, 512, 1).mean().x;
+    let (one, pair, both_mean) = (mean(&one), mean(&pair), mean(&both));
+    // The back lights the ceiling, which gives a part of it to the pad.
+    assert!(one < 0.9 * pair && (both_mean / pair - 1.0).abs() < 0.01, "{one} {pair} {both_mean}");
+    assert!(refused(&both).contains("\"sheet\", which shines on both sides"), "{}", refused(&both));
+    both.lights[0].shape =
+        LightShapeSpec::Tube { from_mm: [0.0, 6.0, -6.0], to_mm: [0.0, 7.0, -6.0], radius_mm: 0.2 };
+    assert!(problems_of(&both).concat().contains("lights.[0].two_sided"), "{:?}", problems_of(&both));
+}
+
+#[test]
+fn frost_scatters_what_a_plate_lets_through_and_takes_none_of_it() {
+    let plated = |roughness| {
+        sensor(&format!("[plate]\ngap_mm = 5.0\nthickness_mm = 2.0\nior = 1.49\nroughness = {roughness:?}\n"))
+    };
+    let (polished, frosted) = (plated(0.0), plated(0.5));
+    assert!(refused(&polished).is_empty(), "{}", refused(&polished));
+    assert!(refused(&frosted).contains("optics.plate.roughness = 0.5"), "{}", refused(&frosted));
+    let material = |sensor: &SensorOptics| {
+        let scene = scene(sensor, &flat(), None).unwrap();
+        scene.surfaces.into_iter().find(|s| s.role == Role::Plate).map(|s| s.material)
+    };
+    assert_eq!(material(&frosted), Some(Material::RoughDielectric { ior: 1.49, alpha: 0.25 }));
+    // A plate that is hardly frosted is a polished one: one picture by the refracted path, one by chance.
+    let (a, b) = (render(&polished, 256, 1), render(&plated(0.04), 1024, 2));
+    let means = b.mean() / a.mean();
+    assert!((means - Vec3::ONE).abs().max_element() < 0.02, "{means}");
+    // Where a pixel looks is where it would look without the frost.
+    assert_eq!(renderer(&frosted).sights(), renderer(&polished).sights());
+    assert!(
+        problems_of(&plated(1.5)).concat().contains("plate.roughness = 1.5"),
+        "{:?}",
+        problems_of(&plated(1.5))
+    );
+}
+
+#[test]
+fn flakes_cover_what_is_said_or_what_the_roughness_leaves() {
+    let coated = |rest: &str| sensor(&format!("[coating]\nalbedo = 0.5\n{rest}"));
+    let pad = |sensor: &SensorOptics| scene(sensor, &flat(), None).unwrap().surfaces.swap_remove(0).material;
+    let flakes = |material: Material| match material {
+        Material::Lambert { .. } => 0.0,
+        Material::FlakeCoating { flakes, .. } => flakes,
+        Material::RoughConductor { .. } => 1.0,
+        other => panic!("{other:?}"),
+    };
+    for (written, cover) in [
+        ("", 0.0),
+        ("roughness = 0.75", 0.25),
+        ("roughness = 0.75\nflakes = 0.1", 0.1),
+        ("roughness = 0.5\nflakes = 0.0", 0.0),
+        ("roughness = 0.5\nflakes = 1.0", 1.0),
+    ] {
+        let sensor = coated(written);
+        assert_eq!(flakes(pad(&sensor)), cover, "{written}");
+        let key =
+            if written.contains("flakes") { "optics.coating.flakes" } else { "optics.coating.roughness" };
+        assert_eq!(refused(&sensor).contains(key), cover > 0.0, "{written}: {}", refused(&sensor));
+    }
+    // What is printed on the binder cannot be where there is none.
+    let film = coated("flakes = 1.0\n[markers]\npitch_mm = 1.5\ndiameter_mm = 0.5\n");
+    assert!(problems_of(&film).concat().contains("below 1 with markers"), "{:?}", problems_of(&film));
+    assert!(problems_of(&coated("flakes = 1.2")).concat().contains("coating.flakes = 1.2"));
+}
