@@ -40,6 +40,21 @@ pub struct LightPoint {
 }
 
 impl Emitter {
+    /// Its image in a mirror at this height, at right angles to z.
+    pub fn mirrored(&self, height: f32) -> Self {
+        let over = |p: Vec3| p.with_z(2.0 * height - p.z);
+        let shape = match &self.shape {
+            Shape::Rectangle([a, b, c, d], normal) => {
+                Shape::Rectangle([over(*a), over(*d), over(*c), over(*b)], normal.with_z(-normal.z))
+            }
+            Shape::Triangles(triangles, running) => {
+                let turned = |[a, b, c]: &[Vec3; 3]| [over(*a), over(*c), over(*b)];
+                Shape::Triangles(triangles.iter().map(turned).collect(), running.clone())
+            }
+        };
+        Self { center: over(self.center), shape, ..*self }
+    }
+
     /// Prepares a light.
     pub fn new(light: &Light) -> Self {
         let mesh = light.shape.tessellate();

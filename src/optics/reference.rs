@@ -7,6 +7,7 @@
 //! A picture depends on scene, samples and seed alone: not on threads, not on tiles. Two pictures of the
 //! same seed use the same random numbers, so that their ratio is less noisy than either.
 
+mod by_plate;
 mod noise;
 mod path;
 mod plate;

@@ -37,3 +37,29 @@ fn quick(n: usize) -> usize {
     };
     (n..).find(|n| rest(*n) == 1).unwrap_or(n)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use twinrig_fourier::{Complex, double};
+
+    #[test]
+    fn forward_and_back_multiply_by_the_points_and_one_wave_is_one_line() {
+        let of = Transforms::around([15, 16]);
+        assert_eq!(of.padded, [30, 32]);
+        for axis in 0..2 {
+            let points = of.padded[axis];
+            let given: Vec<_> = (0..points).map(|i| Complex::new(i as f32, 1.0)).collect();
+            let mut data = given.clone();
+            of.forward[axis].process(&mut data);
+            of.back[axis].process(&mut data);
+            for (got, given) in data.iter().zip(&given) {
+                assert!((got / points as f32 - given).norm() < 1e-4, "{points} points: {got} of {given}");
+            }
+            let turn = |i| std::f64::consts::TAU * i as f64 / points as f64;
+            let mut wave: Vec<_> = (0..points).map(|i| Complex::from_polar(1.0, turn(i))).collect();
+            double(points, Direction::Forward).process(&mut wave);
+            assert!((wave[1].re - points as f64).abs() < 1e-9 && wave[2].norm() < 1e-9, "{wave:?}");
+        }
+    }
+}

@@ -5,16 +5,17 @@
 //! visibility, and what is hidden is taken off again: a control variate, exact in the mean and free of noise where
 //! nothing is hidden; the same point lights the other lobe, and lights without a closed form, weighted against
 //! (3) the scattered ray, which goes on and may hit a light itself (Veach 1997, power heuristic). Where a clear body
-//! stands between, the closed form is left out; through a flat plate the diffuse part is connected to the point
-//! along the refracted path ([`super::plate`]), all else is found by scattered rays that hit the light.
+//! stands between, the closed form is left out; by way of a flat plate the diffuse part is connected to the point
+//! along refracted and mirrored paths ([`super::plate`]), weighted against scattered rays as well. All else is found by scattered
+//! rays that hit the light.
 //!
 //! Dimension groups of the sampler: 0 pixel and first direction, 1 lens and first lobe, then for event
 //! n = 1, 2, ... 2n: light and roulette, 2n + 1: direction and lobe of event n + 1.
 
-use super::plate::Link;
+use super::by_plate::by_area;
+use super::plate::Way;
 use super::prepared::{Prepared, Surfel};
 use crate::optics::bsdf::{Lobe, concentric_disc};
-use crate::optics::emitter::{Emitter, LightPoint};
 use crate::optics::sampler::Sampler;
 use glam::{Vec2, Vec3};
 use std::cell::Cell;
@@ -30,13 +31,21 @@ const UNIFORM_CHOICE: f32 = 0.1;
 
 /// How the ray at hand came about, which decides what a light it hits may add.
 #[derive(Clone, Copy)]
-enum Arrival {
+pub(super) enum Arrival {
     /// From the camera or a mirror direction: everything.
     Certain,
-    /// Scattered, then straight through a plate: what a refracted connection does not claim.
-    Through { lobe_throughput: Vec3 },
+    /// Scattered with this density, then by way of the plate: what connections from there do not claim.
+    ByPlate { from: Corner, pdf: f32, lobe_throughput: Vec3, way: Way },
     /// Scattered with this density: what light sampling at `from` does not claim.
-    Scattered { from: Vec3, pdf: f32, lobe_throughput: Vec3 },
+    Scattered { from: Corner, pdf: f32, lobe_throughput: Vec3 },
+}
+
+/// Where a path turned, and how many events that took.
+#[derive(Clone, Copy)]
+pub(super) struct Corner {
+    pub point: Vec3,
+    pub normal: Vec3,
+    pub event: u32,
 }
 
 /// A point of a path where light is gathered.
@@ -47,17 +56,19 @@ struct Vertex<'a> {
     throughput: Vec3,
     /// Number of the event, from 1.
     event: u32,
+    /// Whether no light was gathered on the path before.
+    first: bool,
 }
 
 /// Scratch space for following paths of one scene.
 pub struct Path<'a> {
-    scene: &'a Prepared,
+    pub(super) scene: &'a Prepared,
     /// Probability of each light to be chosen at the present event.
-    choice: Vec<f32>,
+    pub(super) choice: Vec<f32>,
     /// Whether its diffuse part was added in closed form.
     closed: Vec<bool>,
     /// Rays traced so far.
-    rays: Cell<u64>,
+    pub(super) rays: Cell<u64>,
 }
 
 impl<'a> Path<'a> {
@@ -88,6 +99,7 @@ impl<'a> Path<'a> {
         let mut throughput = Vec3::ONE;
         let mut arrival = Arrival::Certain;
         let mut event = 0;
+        let mut first = true;
         loop {
             self.rays.set(self.rays.get() + 1);
             let Some(surfel) = scene.trace(origin, direction) else { return };
@@ -105,7 +117,8 @@ impl<'a> Path<'a> {
                 return;
             }
             if !surfel.bsdf.is_specular() {
-                let vertex = Vertex { surfel: &surfel, frame: &frame, wo, throughput, event };
+                let vertex = Vertex { surfel: &surfel, frame: &frame, wo, throughput, event, first };
+                first = false;
                 self.direct(&vertex, [pick, light_u, light_v], add);
             }
 
@@ -130,17 +143,10 @@ impl<'a> Path<'a> {
             origin = surfel.hit.point + surfel.normal * (scene.offset * next.wi.z.signum());
             arrival = if next.pdf > 0.0 {
                 let lobe_throughput = lobe_throughput / survive;
-                Arrival::Scattered { from: surfel.hit.point, pdf: next.pdf, lobe_throughput }
+                let from = Corner { point: surfel.hit.point, normal: surfel.normal, event };
+                Arrival::Scattered { from, pdf: next.pdf, lobe_throughput }
             } else {
-                let straight = surfel.connects && next.wi.z < 0.0 && surfel.normal.z.abs() > 0.999;
-                match arrival {
-                    Arrival::Scattered { lobe_throughput, .. } | Arrival::Through { lobe_throughput }
-                        if straight =>
-                    {
-                        Arrival::Through { lobe_throughput: lobe_throughput * next.weight }
-                    }
-                    _ => Arrival::Certain,
-                }
+                self.met_clear(arrival, &surfel, next.weight, next.wi.z < 0.0)
             };
             [du, dv, lobe, _] = sampler.group(index, 2 * event + 1);
         }
@@ -149,8 +155,8 @@ impl<'a> Path<'a> {
 
 impl Path<'_> {
     /// Light that reaches the vertex straight from the lights.
-    fn direct(&mut self, vertex: &Vertex, [pick, u, v]: [f32; 3], add: &mut impl FnMut(usize, Vec3)) {
-        let Vertex { surfel, frame, wo, throughput, event } = *vertex;
+    fn direct(&mut self, vertex: &Vertex, sample: [f32; 3], add: &mut impl FnMut(usize, Vec3)) {
+        let Vertex { surfel, throughput, first, .. } = *vertex;
         let scene = self.scene;
         let (point, normal, bsdf) = (surfel.hit.point, surfel.normal, &surfel.bsdf);
         let diffuse = throughput * bsdf.diffuse * FRAC_1_PI;
@@ -166,34 +172,62 @@ impl Path<'_> {
             if self.closed[k] && e > 0.0 {
                 add(k, diffuse * e * emitter.radiance);
             }
-            self.choice[k] = e * emitter.luminance;
+            let mirrored = if emitter.is_dark() { 0.0 } else { scene.mirrored(point, normal, k) };
+            self.choice[k] = (e + mirrored) * emitter.luminance;
             total += self.choice[k];
+        }
+
+        let [pick, u, v] = sample;
+        if first && scene.plate.is_some() {
+            for (k, p) in self.choice.iter_mut().enumerate() {
+                *p = if scene.emitters[k].is_dark() { 0.0 } else { 1.0 };
+            }
+            for k in 0..scene.emitters.len() {
+                if self.choice[k] > 0.0 {
+                    self.connect(vertex, k, [pick, u, v], add);
+                }
+            }
+            return;
         }
 
         // Choose a light.
         let uniform = if has_lobe || total <= 0.0 || scene.plate.is_some() { UNIFORM_CHOICE } else { 0.0 };
         let scale = if total > 0.0 { (1.0 - uniform) / total } else { 0.0 };
         let floor = uniform / scene.lit as f32;
-        let mut chosen = None;
+        let (mut chosen, mut below) = (None, 0.0);
         let mut running = 0.0;
         for (k, p) in self.choice.iter_mut().enumerate() {
             *p = if scene.emitters[k].is_dark() { 0.0 } else { *p * scale + floor };
             if *p > 0.0 && (chosen.is_none() || pick >= running) {
-                chosen = Some(k);
+                (chosen, below) = (Some(k), running);
             }
             running += *p;
         }
         let Some(k) = chosen else { return };
-        let emitter = &scene.emitters[k];
+        let pick = ((pick - below) / self.choice[k]).clamp(0.0, 1.0);
+        self.connect(vertex, k, [pick, u, v], add);
+    }
 
-        // Test one of its points.
+    /// Tests a point of a light that was chosen.
+    fn connect(&self, vertex: &Vertex, k: usize, [pick, u, v]: [f32; 3], add: &mut impl FnMut(usize, Vec3)) {
+        let Vertex { surfel, frame, wo, throughput, event, .. } = *vertex;
+        let scene = self.scene;
+        let (point, normal, bsdf) = (surfel.hit.point, surfel.normal, &surfel.bsdf);
+        let diffuse = throughput * bsdf.diffuse * FRAC_1_PI;
+        let has_lobe = bsdf.lobe != Lobe::None;
+        let emitter = &scene.emitters[k];
         let at = emitter.sample(Vec2::new(u, v));
-        if let Some(plate) = scene.plate.filter(|plate| plate.between(point, at.point)) {
-            if let Some(link) = plate.link(point, at.point).filter(|l| event + l.faces <= scene.max_events) {
-                let light = emitter.radiance / (self.choice[k] * at.pdf_area);
-                add(k, diffuse * light * self.transmitted(&link, surfel, &at, emitter, k));
+        if let Some(plate) = &scene.plate {
+            let from = Corner { point, normal, event };
+            if let Some((link, value, share)) = self.route(plate, &from, &at, k, pick) {
+                let density = self.choice[k] * at.pdf_area * share;
+                let scattered = bsdf.pdf(wo, frame.local(link.leaving)) * by_area(&link, &at);
+                let weight = power_heuristic(density, scattered);
+                add(k, diffuse * emitter.radiance * (value * weight / density));
             }
-            return;
+            if plate.between(point, at.point) {
+                return;
+            }
         }
         let to = at.point - point;
         let distance2 = to.length_squared();
@@ -224,38 +258,6 @@ impl Path<'_> {
         }
     }
 
-    /// Irradiance of the surfel by a unit of area and radiance of a light behind the plate.
-    fn transmitted(
-        &self,
-        link: &Link,
-        surfel: &Surfel,
-        at: &LightPoint,
-        emitter: &Emitter,
-        light: usize,
-    ) -> f32 {
-        let scene = self.scene;
-        let cos = link.leaving.dot(surfel.normal);
-        let cos_light = -link.arriving.dot(at.normal);
-        let profile = emitter.profile(cos_light);
-        if cos <= 0.0 || profile <= 0.0 {
-            return 0.0;
-        }
-        // Each stretch of the path, off the surfaces at its ends.
-        let vertical = Vec3::Z * (scene.offset * link.leaving.z.signum());
-        let mut from = surfel.hit.point + surfel.normal * scene.offset;
-        for crossing in &link.crossings[..link.faces as usize] {
-            if scene.blocked(from, *crossing - vertical, light, &self.rays) {
-                return 0.0;
-            }
-            from = *crossing + vertical;
-        }
-        if scene.blocked(from, at.point + at.normal * (scene.offset * cos_light.signum()), light, &self.rays)
-        {
-            return 0.0;
-        }
-        cos * profile * link.transmittance * link.solid_angle * cos_light.abs()
-    }
-
     /// Light that a path finds by hitting the light itself.
     fn emission(
         &self,
@@ -274,11 +276,14 @@ impl Path<'_> {
         }
         match arrival {
             Arrival::Certain => add(k, throughput * light),
-            Arrival::Through { lobe_throughput } => add(k, lobe_throughput * light),
+            Arrival::ByPlate { from, pdf, lobe_throughput, way } => {
+                let told = self.told_by_plate(from, pdf, way, surfel, k);
+                add(k, (throughput - (throughput - lobe_throughput) * told) * light);
+            }
             Arrival::Scattered { from, pdf, lobe_throughput } => {
                 let throughput = if self.closed[k] { lobe_throughput } else { throughput };
                 if throughput != Vec3::ZERO {
-                    let distance2 = (surfel.hit.point - from).length_squared();
+                    let distance2 = (surfel.hit.point - from.point).length_squared();
                     let by_light = self.choice[k] * emitter.pdf_area() * distance2 / cos.abs();
                     add(k, throughput * light * power_heuristic(pdf, by_light));
                 }
@@ -288,7 +293,7 @@ impl Path<'_> {
 }
 
 /// Weight of a sample of density `a` that another strategy would have taken with density `b`.
-fn power_heuristic(a: f32, b: f32) -> f32 {
+pub(super) fn power_heuristic(a: f32, b: f32) -> f32 {
     let ratio = b / a;
     1.0 / (1.0 + ratio * ratio)
 }

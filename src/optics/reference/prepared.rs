@@ -24,6 +24,8 @@ pub struct Prepared {
     clear: Vec<[Vec3; 2]>,
     /// The only plate through which lights can be connected exactly; other clear bodies are in the way of such connections.
     pub plate: Option<Plate>,
+    /// Images of the lights in the lower and in the upper face of that.
+    images: [Vec<Emitter>; 2],
     /// Rooms: parts that are faces of an axis-aligned box; they block nothing between points inside.
     rooms: Vec<[Vec3; 2]>,
     /// Boxes around all other parts, with the light whose flat patch it is.
@@ -148,6 +150,9 @@ impl Prepared {
             camera: scene.camera.clone(),
             max_events: scene.max_events,
             lit: emitters.iter().filter(|e| !e.is_dark()).count(),
+            images: connecting.map_or([vec![], vec![]], |(plate, _)| {
+                plate.faces().map(|face| emitters.iter().map(|e| e.mirrored(face)).collect())
+            }),
             emitters,
             names: scene.lights.iter().map(|l| l.name.clone()).collect(),
             accel: Accel::new(&triangles),
@@ -190,6 +195,19 @@ impl Prepared {
             bsdf: Bsdf::new(&part.material, uv, outside),
             hit,
         })
+    }
+
+    /// What a light adds to the irradiance of a point by way of the plate's nearer face, about: good for choosing among lights.
+    pub fn mirrored(&self, point: Vec3, normal: Vec3, light: usize) -> f32 {
+        let Some(plate) = self.plate.filter(|plate| plate.is_outside(point)) else { return 0.0 };
+        let center = self.emitters[light].center;
+        if plate.between(point, center) {
+            return 0.0;
+        }
+        let image = &self.images[plate.nearer_face(point)][light];
+        let to = (image.center - point).normalize_or_zero();
+        // The farther face mirrors nearly as much.
+        2.0 * plate.mirrored_part(to.z.abs()) * image.unoccluded(point, normal)
     }
 
     /// Whether the segment passes a clear body (by its box).

@@ -77,9 +77,13 @@ fn lights_are_still_found_through_a_plate_beside_a_lens() {
     let ([a, b], [c, d]) = (pictures(&without), pictures(&with));
     let mean = |a: &Film, b: &Film| a.mean().x + b.mean().x;
     assert!((mean(&c, &d) / mean(&a, &b) - 1.0).abs() < 0.02, "{} {}", mean(&c, &d), mean(&a, &b));
-    // By chance alone the light would be found with several times the noise.
-    let noise = [a.relative_rmse(&b), c.relative_rmse(&d)];
-    assert!(noise[1] < 2.0 * noise[0], "{noise:?}");
+    // By chance alone, as through a plate that is hardly frosted, the light is found with several times the noise. (What lies
+    // behind the lens sees the light by chance in either.)
+    let mut by_chance = with.clone();
+    by_chance.plate.as_mut().unwrap().roughness = 0.04;
+    let [e, f] = pictures(&by_chance);
+    let noise = [c.relative_rmse(&d), e.relative_rmse(&f)];
+    assert!(noise[1] > 2.0 * noise[0], "{noise:?}");
 }
 
 #[test]
@@ -248,7 +252,7 @@ fn a_light_with_two_sides_is_two_lights_back_to_back() {
     assert!(refused(&both).contains("\"sheet\", which shines on both sides"), "{}", refused(&both));
     both.lights[0].shape =
         LightShapeSpec::Tube { from_mm: [0.0, 6.0, -6.0], to_mm: [0.0, 7.0, -6.0], radius_mm: 0.2 };
-    assert!(problems_of(&both).concat().contains("lights.[0].two_sided"), "{:?}", problems_of(&both));
+    assert!(problems_of(&both).concat().contains("lights[0].two_sided"), "{:?}", problems_of(&both));
 }
 
 #[test]
