@@ -178,6 +178,7 @@ impl Path<'_> {
         }
 
         let [pick, u, v] = sample;
+        // Through a plate no closed form holds: where a path gathers first, and most, each light is tested.
         if first && scene.plate.is_some() {
             for (k, p) in self.choice.iter_mut().enumerate() {
                 *p = if scene.emitters[k].is_dark() { 0.0 } else { 1.0 };
