@@ -21,7 +21,9 @@
 //!
 //! # Layers
 //!
-//! Imports go downward only, and modules of one rung do not know each other (`tests/layers.rs`).
+//! Imports go downward only, and modules of one rung do not know each other (`tests/layers.rs`). Rungs 0 and 1a, the elastomer
+//! and the optics are the package `twinrig-physics`, under which Fourier transforms are one of their own: so they are compiled
+//! once, and optimised, for all that is tested.
 //!
 //! | rung | modules | is |
 //! |---|---|---|

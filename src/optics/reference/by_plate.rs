@@ -34,7 +34,7 @@ impl Path<'_> {
     }
 
     /// What a unit of area and radiance of a light adds to the irradiance by each route, were nothing in the way.
-    pub(super) fn routes(
+    fn routes(
         &self,
         plate: &Plate,
         from: &Corner,
@@ -77,7 +77,7 @@ impl Path<'_> {
     }
 
     /// Whether anything is in the way along a link.
-    pub(super) fn is_hidden(&self, link: &Link, from: &Corner, at: &LightPoint, light: usize) -> bool {
+    fn is_hidden(&self, link: &Link, from: &Corner, at: &LightPoint, light: usize) -> bool {
         let scene = self.scene;
         let off = |rises: bool| Vec3::Z * if rises { scene.offset } else { -scene.offset };
         let mut start = from.point + from.normal * scene.offset;

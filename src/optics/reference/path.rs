@@ -162,6 +162,8 @@ impl Path<'_> {
         let diffuse = throughput * bsdf.diffuse * FRAC_1_PI;
         let has_lobe = bsdf.lobe != Lobe::None;
 
+        // Through a plate no closed form holds: where a path gathers first, and most, each light is tested.
+        let tests_each = first && scene.plate.is_some();
         // The closed form, as if nothing stood in the way.
         let mut total = 0.0;
         for (k, emitter) in scene.emitters.iter().enumerate() {
@@ -172,17 +174,16 @@ impl Path<'_> {
             if self.closed[k] && e > 0.0 {
                 add(k, diffuse * e * emitter.radiance);
             }
-            let mirrored = if emitter.is_dark() { 0.0 } else { scene.mirrored(point, normal, k) };
-            self.choice[k] = (e + mirrored) * emitter.luminance;
+            self.choice[k] = match (emitter.is_dark(), tests_each) {
+                (true, _) => 0.0,
+                (false, true) => 1.0,
+                (false, false) => (e + scene.mirrored(point, normal, k)) * emitter.luminance,
+            };
             total += self.choice[k];
         }
 
         let [pick, u, v] = sample;
-        // Through a plate no closed form holds: where a path gathers first, and most, each light is tested.
-        if first && scene.plate.is_some() {
-            for (k, p) in self.choice.iter_mut().enumerate() {
-                *p = if scene.emitters[k].is_dark() { 0.0 } else { 1.0 };
-            }
+        if tests_each {
             for k in 0..scene.emitters.len() {
                 if self.choice[k] > 0.0 {
                     self.connect(vertex, k, [pick, u, v], add);
