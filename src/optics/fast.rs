@@ -37,6 +37,7 @@ mod mirrored;
 mod nodes;
 mod packed;
 mod parted;
+mod piece;
 mod plate;
 mod probes;
 mod radiosity;

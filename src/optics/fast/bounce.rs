@@ -157,7 +157,7 @@ struct Means {
 }
 
 /// Cells beside the picture: as far as is looked, and what stands high there.
-const MARGIN: usize = 56;
+const MARGIN: usize = 108;
 
 impl Cells<'_> {
     /// What a cell at the border of the picture stands for, in cells: what is beyond is taken to be as it is.

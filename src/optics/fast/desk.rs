@@ -2,11 +2,11 @@
 //! pixels at a time.
 
 use super::bounce::Cell;
-use super::crease::Piece;
 use super::frame::{Frame, NODE_PX, Toward, uv};
 use super::gains::Split;
 use super::horizon::slope_of;
 use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, lanes};
+use super::piece::Piece;
 use super::shade::Block;
 use super::slots::POSITION;
 use super::source::{COARSE, LINES};

@@ -1,7 +1,8 @@
 //! What the pad hides from the pieces of a pixel: looked at for all together that face alike.
 
-use super::crease::Piece;
 use super::frame::Frame;
+use super::horizon::Stand;
+use super::piece::Piece;
 use glam::Vec3;
 
 /// Pieces whose normals have a larger cosine face alike.
@@ -60,9 +61,10 @@ pub fn horizons(frame: &Frame<'_>, pieces: &[Piece], nodes: &mut Vec<f32>) {
     let (low, high) = ends.split_at_mut(stride);
     for (k, facet) in facets.iter().enumerate() {
         let is_tall = facet.height_mm() > TALL_MM;
-        frame.fill_horizons(if is_tall { facet.ends[0] } else { facet.point }, low);
+        let on = |point: Vec3| Stand::on(point, facet.normal);
+        frame.fill_horizons(on(if is_tall { facet.ends[0] } else { facet.point }), low);
         if is_tall {
-            frame.fill_horizons(facet.ends[1], high);
+            frame.fill_horizons(on(facet.ends[1]), high);
         }
         let own = nodes.chunks_exact_mut(stride).zip(pieces).zip(&facet_of).filter(|(_, of)| **of == k);
         for ((node, piece), _) in own {

@@ -10,7 +10,7 @@ use super::cover::Laid;
 use super::desk::Row;
 use super::gains::{self, Gains};
 use super::glow::Pressed;
-use super::horizon::{Heights, slope_of, squeezed};
+use super::horizon::{Heights, Stand, slope_of, squeezed};
 use super::lanes::{Vectors, WIDTH, with_widest};
 use super::packed::{CHANNELS, Packing};
 use super::raster::{Sample, corners};
@@ -39,8 +39,8 @@ const RMS: f32 = 0.577_350_3;
 /// How finely.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effort {
-    /// Cells of the heights that hide light, in distances of the lattice's points.
-    pub cell: f32,
+    /// Cells of the heights that hide light, in distances of the lattice's points: as a rule, and of pads with sharp rims.
+    pub cells: [f32; 2],
     /// No block is larger, mm.
     pub block_mm: f32,
     /// No block with a shadow's edge is divided further, mm.
@@ -81,6 +81,8 @@ pub struct Pictures {
     pub spread: Vec<f64>,
     /// Rms over the face of |n - n0|^2, which tells how steep the press made it.
     pub steepness: f64,
+    /// How far the pad has moved at the picture's border, in the mean, mm.
+    pub border_mm: f64,
     /// Lights beyond whose plane some of the pad is, and the part that is before it.
     pub sided: Vec<(usize, f64)>,
 }
@@ -95,6 +97,15 @@ fn steepness(cells: &[Cell], rest_normal: impl Fn(Vec3) -> Vec3) -> f64 {
         count += f64::from(cell.count);
     }
     (sum / f64::max(count, 1.0)).sqrt()
+}
+
+/// Mean over the cells at the border of how far the pad has moved there, mm.
+fn border_mm(cells: &[Cell], [nx, ny]: [usize; 2], lift: impl Fn(Vec3) -> f32) -> f64 {
+    let is_border = |k: usize| [0, nx - 1].contains(&(k % nx)) || [0, ny - 1].contains(&(k / nx));
+    let seen = cells.iter().enumerate().filter(|(k, cell)| cell.count > 0.0 && is_border(*k));
+    let (sum, count) =
+        seen.fold((0.0, 0.0), |(s, n), (_, cell)| (s + lift(cell.position / cell.count).abs(), n + 1.0f32));
+    f64::from(sum / count.max(1.0))
 }
 
 /// Rows of blocks hold one picture after the other, `block` numbers each.
@@ -304,6 +315,7 @@ impl Frame<'_> {
             bounced,
             echoed,
             steepness: steepness(&cells, |p| once.total.rest_normal(p)),
+            border_mm: border_mm(&cells, size, |p| once.total.lift(p)),
             sided: self.sided.iter().map(|l| (*l, self.faced(&nodes, *l))).collect(),
             glowed,
             feet,
@@ -371,11 +383,15 @@ impl Frame<'_> {
     }
 
     /// Pixels along the edge of a cell of the bounce, and by how many times that is finer than usual: between a sharp rim and
-    /// the foot of its flank light goes to and fro within a few tenths of a millimetre.
+    /// the foot of its flank light goes to and fro within a few tenths of a millimetre, in a groove within less.
     fn cell_px(&self) -> (usize, usize) {
         let usual = cell_px(self.once.pixel_mm);
-        let finer = if usual > 1 && self.effort.fine && self.heights.has_sharp_rims() { 2 } else { 1 };
-        (usual / finer, finer)
+        let finer = match self.effort.fine && self.heights.has_sharp_rims() {
+            true if self.heights.has_grooves() => 4,
+            true => 2,
+            false => 1,
+        };
+        (usual / usual.min(finer), usual.min(finer))
     }
 
     /// By pixel: whether something fixed is before the pad at all its corners; empty where nothing fixed shows. (Of one that
@@ -504,7 +520,7 @@ impl Frame<'_> {
             }
             for (l, source) in once.sources.iter().enumerate() {
                 let lines = source.seen(*p, once.view.slab.as_ref());
-                self.horizons(l, *p, &lines, node);
+                self.horizons(l, (*p).into(), &lines, node);
                 // Behind a light there is nothing to take off.
                 node[slots.gain(l)] = f32::from(u8::from(source.faces(*p)));
                 if slots.varying() {
@@ -544,26 +560,26 @@ impl Frame<'_> {
                 }
                 false => source.seen(p, None),
             };
-            self.horizons(l, p, &lines, node);
+            self.horizons(l, p.into(), &lines, node);
         }
     }
 
     /// Fills a node with what the pad hides of lights at a point, and nothing else.
-    pub fn fill_horizons(&self, p: Vec3, node: &mut [f32]) {
+    pub fn fill_horizons(&self, from: Stand, node: &mut [f32]) {
         for (l, source) in self.once.sources.iter().enumerate() {
-            self.horizons(l, p, &source.seen(p, self.once.view.slab.as_ref()), node);
+            self.horizons(l, from, &source.seen(from.point, self.once.view.slab.as_ref()), node);
         }
     }
 
     /// Fills a node's part on what the pad hides of a light, whose lines appear there.
     #[inline(always)]
-    fn horizons(&self, l: usize, p: Vec3, lines: &[Line; LINES], node: &mut [f32]) {
+    fn horizons(&self, l: usize, from: Stand, lines: &[Line; LINES], node: &mut [f32]) {
         let slots = &self.slots;
         let (mut hides, mut rises) = (false, false);
         let slopes = slots.horizons(l);
         let follow = |k: usize, hides: &mut bool, rises: &mut bool| {
             let sight = Toward::new(lines[k]);
-            let horizon = sight.horizon(self.heights, p, slots.bent());
+            let horizon = sight.horizon(self.heights, from, slots.bent());
             *hides |= horizon > sight.from.min(sight.to);
             *rises |= horizon > sight.least();
             horizon
@@ -573,7 +589,8 @@ impl Frame<'_> {
             node[slopes + k] = squeezed(follow(k, &mut hides, &mut rises));
         }
         let mut reach = COARSE / 2;
-        let mut bends = rises || self.effort.thorough || (self.effort.fine && self.heights.rises_above(p.z));
+        let mut bends =
+            rises || self.effort.thorough || (self.effort.fine && self.heights.rises_above(from.point.z));
         let mut flag = 0;
         while reach > 0 {
             let mut bent = false;
@@ -628,10 +645,10 @@ impl Toward {
     }
 
     #[inline(always)]
-    pub fn horizon(&self, heights: &Heights, p: Vec3, bent: bool) -> f32 {
+    pub fn horizon(&self, heights: &Heights, from: impl Into<Stand>, bent: bool) -> f32 {
         // A light that appears through a plate has no distance: the pad's rim ends the line of sight.
         let distance = if bent { f32::INFINITY } else { self.distance };
-        heights.horizon(p, self.ahead, distance, self.least(), self.from.max(self.to))
+        heights.horizon(from, self.ahead, distance, self.least(), self.from.max(self.to))
     }
 }
 

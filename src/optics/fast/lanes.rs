@@ -133,6 +133,12 @@ impl Mask {
         Self(lanes!(i => self.0[i] | b.0[i]))
     }
 
+    /// Both.
+    #[inline(always)]
+    pub fn and(self, b: Self) -> Self {
+        Self(lanes!(i => self.0[i] & b.0[i]))
+    }
+
     /// Whether lane `i` is set.
     #[inline(always)]
     pub fn lane(self, i: usize) -> bool {

@@ -74,8 +74,8 @@ impl<'a> Renderer<'a> {
         // Without interreflection there is no bounce to look for.
         let dark = matches!(albedo, Albedo::Constant(a) if *a == Vec3::ZERO);
         effort.bounce = scene.max_events > 1 && !dark;
-        let heights = Heights::of(&pad.mesh, lattice, effort.cell);
-        effort.sparse &= !heights.has_sharp_rims();
+        let heights = Heights::of(&pad.mesh, lattice, effort.cells);
+        let effort = effort.over(&heights);
         lights_off_face(&scene.lights, &once.view, once.pixel_mm, heights.extent(), |p| heights.at(p))?;
         Ok(Self { once, mesh: pad.mesh.clone(), lattice, albedo: albedo.clone(), heights, effort, tolerance })
     }

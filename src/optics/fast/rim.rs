@@ -2,10 +2,10 @@
 //! the light on it is taken in the middle of that.
 
 use super::cover::{SAMPLED_ERROR, SAMPLES, Values, place};
-use super::crease::{for_triangles, value_at};
 use super::desk::{Desk, Rectangle};
 use super::frame::Frame;
 use super::lanes::{Eight, Vectors, WIDTH};
+use super::piece::{for_triangles, value_at};
 use super::raster::{EMPTY, Sample};
 use super::shade::Own;
 use super::traces::add_squares;
@@ -132,7 +132,7 @@ impl Desk<'_> {
             };
             let mut own = std::mem::take(&mut self.horizons);
             own.resize(self.frame.slots.stride(), 0.0);
-            self.frame.fill_horizons(point, &mut own);
+            self.frame.fill_horizons(point.into(), &mut own);
             let horizons = Own { nodes: &own, at: [0; WIDTH] };
             let places = [place(x, at.x, x0, x1), place(y, at.y, y0, y1)];
             let (point, normal) = (Vectors::all(point), Vectors::all(normal));

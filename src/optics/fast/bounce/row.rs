@@ -1,7 +1,7 @@
 //! A row of cells: from eight at once the pad's profile is followed in all directions.
 
 use super::elevation::{mean_slope, shares, weight};
-use super::{Cells, DIRECTIONS, MARGIN, MOST, Means};
+use super::{Cells, DIRECTIONS, MARGIN, MOST, Means, SENDING};
 use crate::optics::fast::echo::{self, PER_WEIGHT, RISES, SLOPES};
 use crate::optics::fast::lanes::{Eight, Mask, Vectors, WIDTH, Work, with_widest};
 use crate::optics::fast::lookout::Lookout;
@@ -10,10 +10,12 @@ use glam::{Vec2, Vec3};
 use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, TAU};
 
 /// Distances looked at, in cells.
-const DISTANCES: [f32; 25] = [
+const DISTANCES: [f32; 32] = [
     1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.5, 16.0, 17.5, 19.0, 21.0, 23.0,
-    25.0, 28.0, 31.0, 35.0, 39.0, 44.0,
+    25.0, 28.0, 31.0, 35.0, 39.0, 44.0, 50.0, 56.0, 62.0, 69.0, 77.0, 86.0, 96.0,
 ];
+/// So far, in cells that are as large as they may be.
+const REACH: f32 = 44.0;
 /// The same where little will do.
 const FEW_DISTANCES: [f32; 12] = [1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.5, 14.0, 19.0, 25.0, 33.0, 44.0];
 /// Ground this even, up to the farthest distance, needs no look: a slope.
@@ -27,6 +29,8 @@ const FLANK: f32 = 1.5;
 /// What rises on by this slope above the line of sight has an edge, which is looked for.
 const EDGED: f32 = 0.3;
 
+/// Cells farther aside of the direction looked into than to 45 degrees are not seen in it, as a cosine.
+const ASTRAY: f32 = 0.7;
 /// Planes whose normal has less of it upwards are steep; 1 over the square of the sine by which something is clear of one.
 const STEEP: f32 = 0.7;
 const CLEAR: f32 = 100.0;
@@ -176,8 +180,12 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
         let [plane_x, plane_y] = [nx, ny].map(|n| flat.choose((-n).over(nz), zero));
         let is_steep = nz.below(Eight::all(STEEP)).any();
         let reflected = self.cells.albedo * FRAC_1_PI;
-        let distances: &[f32] = if self.cells.closely { &DISTANCES } else { &FEW_DISTANCES };
-        let farthest = DISTANCES[DISTANCES.len() - 1] * self.cells.edge_mm;
+        let reach = REACH * (self.cells.sending / SENDING) as f32;
+        let distances: &[f32] = match self.cells.closely {
+            true => &DISTANCES[..DISTANCES.partition_point(|distance| *distance <= reach)],
+            false => &FEW_DISTANCES,
+        };
+        let farthest = distances[distances.len() - 1] * self.cells.edge_mm;
         // By picture: what was seen last, the untouched ground there, and by how much the first changes with the slope under which
         // it is seen.
         let mut tops = vec![[Vectors::all(Vec3::ZERO); 3]; sums.len()];
@@ -223,7 +231,9 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
                     plane = plane * far.over(far + clear * clear * Eight::all(CLEAR));
                 }
                 let rise = (dz + plane).over(away);
-                let risen = (before + even).below(rise);
+                // (Beside the way: what stands over the cell's own plane there need not stand over it ahead.)
+                let straight = dx * Eight::all(ahead.x) + dy * Eight::all(ahead.y);
+                let risen = (before + even).below(rise).and((away * Eight::all(ASTRAY)).below(straight));
                 if !risen.any() {
                     shown = None;
                     continue;

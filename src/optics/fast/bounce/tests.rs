@@ -179,6 +179,38 @@ fn a_leaning_plane_sees_nothing_of_itself() {
     }
 }
 
+/// In a valley between two planes that run aslant to the cells, one side is seen from the other under their angle, and nowhere
+/// else: a cell beside the way does not stand in it.
+#[test]
+fn a_valley_lights_itself_by_its_angle() {
+    let (n, edge) = (41, 0.25);
+    let across = Vec2::from_angle(0.65);
+    let height = |p: Vec2| across.dot(p) * if across.dot(p) > 0.0 { 2.4 } else { 1.2 };
+    let at = |k: usize| Vec2::new((k % n) as f32 - 20.0, 20.0 - (k / n) as f32) * edge;
+    let cells: Vec<Cell> = (0..n * n)
+        .map(|k| {
+            let p = at(k);
+            let slope = across * if across.dot(p) > 0.0 { 2.4 } else { 1.2 };
+            let up = (-slope).extend(1.0);
+            Cell { position: p.extend(height(p)), normal: up, area: up.length(), level: 1.0, count: 1.0 }
+        })
+        .collect();
+    let lights = [cells.iter().map(|c| Vec3::splat(c.area)).collect()];
+    let extent = [Vec2::splat(-5.125), Vec2::splat(5.125)];
+    let pad = heights(extent, height);
+    // (From so far that heights do not move what is seen.)
+    let all = Cells { eye: Vec3::Z * 1e5, ..white([n, n], edge, &cells, &lights, &pad, extent) };
+    let dark = || Untouched { sky: |_, _| [0.0; skyline::NUMBERS], ground: |_, _| Vec3::ZERO };
+    let gains = all.changes(dark(), |_| Vec3::Z).gains;
+    // Far from the ends an endless plane that rises by an angle over another fills (1 - cos)/2 of its view.
+    let truth = 0.5 * (1.0 - (2.4f32.atan() - 1.2f32.atan()).cos());
+    let near = |k: &usize| (-0.5..-0.1).contains(&across.dot(at(*k))) && at(*k).length() < 2.0;
+    let found: Vec<f32> = (0..n * n).filter(near).map(|k| gains[0][k].x - 1.0).collect();
+    let mean = found.iter().sum::<f32>() / found.len() as f32;
+    let most = found.iter().fold(0.0f32, |most, more| most.max(*more));
+    assert!((mean / truth - 1.0).abs() < 0.25 && most < 2.0 * truth, "{mean}, {most}: {truth}");
+}
+
 /// What the border stands for and what is in the picture make up the pad.
 #[test]
 fn the_border_stands_for_what_is_beyond_it() {
