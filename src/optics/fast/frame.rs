@@ -33,6 +33,8 @@ const BELOW: f32 = 0.05;
 const BENT: f32 = 0.03;
 /// Largest edge of a cell of the bounce, mm.
 const CELL_MM: f32 = 0.26;
+/// Smallest edge of one in grooves, mm: smaller ones take three times as long, and are hardly better.
+const GROOVE_CELL_MM: f32 = 0.05;
 /// 1/sqrt(3).
 const RMS: f32 = 0.577_350_3;
 
@@ -387,11 +389,16 @@ impl Frame<'_> {
     fn cell_px(&self) -> (usize, usize) {
         let usual = cell_px(self.once.pixel_mm);
         let finer = match self.effort.fine && self.heights.has_sharp_rims() {
-            true if self.heights.has_grooves() => 4,
+            true if self.heights.has_grooves()
+                && usual as f32 * self.once.pixel_mm >= 4.0 * GROOVE_CELL_MM =>
+            {
+                4
+            }
             true => 2,
             false => 1,
         };
-        (usual / usual.min(finer), usual.min(finer))
+        let finer = finer.min(usual);
+        (usual / finer, finer)
     }
 
     /// By pixel: whether something fixed is before the pad at all its corners; empty where nothing fixed shows. (Of one that
