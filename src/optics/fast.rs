@@ -231,17 +231,12 @@ impl Precomputed {
         };
         let (fixed, fixed_lights) = fixed::by_light(&corners, lamps.len());
         let echo = Echo::new(&world, &view, &lamps, &probe_layout, events, rest, buried);
+        let mirrored = Mirrored::new(&world, &lamps, slab);
         let tables = Tables {
             echo,
             direct: tables::direct(&sources, slab.as_ref(), &direct_layout, rest),
-            probes: probes::gather(
-                &world,
-                &Mirrored::new(&world, &lamps, slab),
-                &solved,
-                &probe_layout,
-                rest,
-            ),
-            skylines: skyline::gather(&world, &solved, &probe_layout, rest),
+            probes: probes::gather(&world, &mirrored, &solved, &probe_layout, rest),
+            skylines: skyline::gather(&world, &solved, &mirrored, &probe_layout, rest),
             fixed,
             fixed_lights,
             covers,

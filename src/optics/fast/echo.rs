@@ -355,6 +355,14 @@ pub fn towards(direction: usize, a: f32, b: f32) -> Vec3 {
     Vec3::new(level * phi.cos(), level * phi.sin(), sine)
 }
 
+/// The direction and range that a unit vector upwards is in: where [`towards`] has it.
+pub fn range_of(v: Vec3) -> usize {
+    let around = v.truncate().to_angle().rem_euclid(TAU) * (AROUND as f32 / TAU);
+    let slope = v.z / v.truncate().length().max(1e-12);
+    let rise = SLOPES.iter().rposition(|from| slope >= *from).unwrap_or(0);
+    (around as usize).min(AROUND - 1) * RISES + rise
+}
+
 /// Part of what a level face sends into one range of one direction.
 pub fn level_part(rise: usize) -> f32 {
     let sine2 = |k: usize| SLOPES.get(k).map_or(1.0, |s| s.max(0.0).powi(2) / (1.0 + s.max(0.0).powi(2)));
@@ -366,6 +374,15 @@ pub const PER_WEIGHT: f32 = TAU / AROUND as f32 / PI;
 
 #[cfg(test)]
 mod tests {
+    #[test]
+    fn a_direction_is_in_the_range_that_it_was_drawn_from() {
+        for direction in 0..super::DIRECTIONS {
+            for (a, b) in [(0.01, 0.02), (0.5, 0.5), (0.99, 0.98), (0.3, 0.7)] {
+                assert_eq!(super::range_of(super::towards(direction, a, b)), direction);
+            }
+        }
+    }
+
     use super::*;
 
     #[test]

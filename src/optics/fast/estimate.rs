@@ -4,7 +4,7 @@ use super::frame::{self, Effort};
 use super::grid::Grid;
 use super::horizon::Heights;
 use super::traces;
-use super::{Precomputed, Renderer, Source};
+use super::{Lamp, Precomputed, Renderer, Source};
 use crate::optics::{Albedo, Material, Role};
 use glam::Vec3;
 
@@ -74,6 +74,9 @@ const WORTHWHILE: f64 = 0.9;
 const BASE_ERROR: [f64; 2] = [0.004, 0.0048];
 /// What a plate adds: its light is solved by fewer rays than it takes.
 const PLATE_ERROR: f64 = 0.004;
+/// What lamps between pad and plate add besides: they are seen mirrored, from places a millimetre apart. (A GelSight with a plate of
+/// 2 mm, 6 mm over its pad, is 0.6 % off untouched, 640 x 480.)
+const MIRRORED_ERROR: f64 = 0.0045;
 /// What a curved face adds: what its press changes in the light of the walls is left out.
 const CURVED_ERROR: f64 = 0.004;
 /// What a tube adds: the wall behind it is lit more unevenly than patches resolve.
@@ -127,6 +130,13 @@ impl Precomputed {
         let lights: Vec<f64> = self.grounds[1..].iter().zip(&self.radiances).map(of_light).collect();
         let squares: f64 = lights.iter().map(|e| e * e).sum();
         if squares > 0.0 { lights.iter().sum::<f64>().powi(2) / squares } else { 1.0 }
+    }
+}
+
+impl Precomputed {
+    fn has_lamps_below_plate(&self) -> bool {
+        let lamps = || self.fixed_scene.lights.iter().filter_map(Lamp::new);
+        self.view.slab.is_some_and(|slab| lamps().any(|lamp| slab.covers(lamp.center)))
     }
 }
 
@@ -221,6 +231,7 @@ impl Renderer<'_> {
         let groove = groove.max(RIMS_ERROR * f64::from(self.heights.rims_per_mm()));
         let beyond = BEYOND_ERROR * pictures.border_mm;
         let plate = if self.once.view.slab.is_some() { PLATE_ERROR } else { 0.0 };
+        let mirrored = if self.once.has_lamps_below_plate() { MIRRORED_ERROR } else { 0.0 };
         let curved = if self.once.total.parts().0.is_curved() { CURVED_ERROR } else { 0.0 };
         let sources = || self.once.sources.iter().enumerate().filter(|(l, _)| shines(*l)).map(|(_, s)| s);
         let tube = if sources().any(Source::is_tube) { TUBE_ERROR } else { 0.0 };
@@ -234,8 +245,8 @@ impl Renderer<'_> {
             SIDED_ERROR * (1.0 + dark / lights_in_effect)
         });
         [
-            base, bounce, glow, feet, echo, spread, steep, groove, beyond, plate, tube, curved, profile,
-            lost, sided,
+            base, bounce, glow, feet, echo, spread, steep, groove, beyond, plate, mirrored, tube, curved,
+            profile, lost, sided,
         ]
         .iter()
         .map(|e| e * e)

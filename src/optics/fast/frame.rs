@@ -33,7 +33,7 @@ const BELOW: f32 = 0.05;
 const BENT: f32 = 0.03;
 /// Largest edge of a cell of the bounce, mm.
 const CELL_MM: f32 = 0.26;
-/// Smallest edge of one in grooves, mm: smaller ones take three times as long, and are hardly better.
+/// They are not quartered to less than this, mm: smaller ones take three times as long, and are hardly better.
 const GROOVE_CELL_MM: f32 = 0.05;
 /// 1/sqrt(3).
 const RMS: f32 = 0.577_350_3;
@@ -101,9 +101,10 @@ fn steepness(cells: &[Cell], rest_normal: impl Fn(Vec3) -> Vec3) -> f64 {
     (sum / f64::max(count, 1.0)).sqrt()
 }
 
-/// Mean over the cells at the border of how far the pad has moved there, mm.
-fn border_mm(cells: &[Cell], [nx, ny]: [usize; 2], lift: impl Fn(Vec3) -> f32) -> f64 {
-    let is_border = |k: usize| [0, nx - 1].contains(&(k % nx)) || [0, ny - 1].contains(&(k / nx));
+/// Mean over the cells at the border of how far the pad has moved there, mm. (Rows beyond the picture's last are empty.)
+fn border_mm(cells: &[Cell], nx: usize, lift: impl Fn(Vec3) -> f32) -> f64 {
+    let last = cells.iter().rposition(|cell| cell.count > 0.0).map_or(0, |k| k / nx);
+    let is_border = |k: usize| [0, nx - 1].contains(&(k % nx)) || [0, last].contains(&(k / nx));
     let seen = cells.iter().enumerate().filter(|(k, cell)| cell.count > 0.0 && is_border(*k));
     let (sum, count) =
         seen.fold((0.0, 0.0), |(s, n), (_, cell)| (s + lift(cell.position / cell.count).abs(), n + 1.0f32));
@@ -317,7 +318,7 @@ impl Frame<'_> {
             bounced,
             echoed,
             steepness: steepness(&cells, |p| once.total.rest_normal(p)),
-            border_mm: border_mm(&cells, size, |p| once.total.lift(p)),
+            border_mm: border_mm(&cells, size[0], |p| once.total.lift(p)),
             sided: self.sided.iter().map(|l| (*l, self.faced(&nodes, *l))).collect(),
             glowed,
             feet,
@@ -418,11 +419,13 @@ impl Frame<'_> {
 
     /// How high what the corners of a pixel see of the pad is in the mean, mm, over the level of the view.
     fn height_mm(&self, x: usize, y: usize) -> Option<f32> {
-        let (width, eye_mm) = (self.once.view.camera.width, self.once.view.camera.origin.z);
-        let corner = y * (width + 1) + x;
-        let corners = [corner, corner + 1, corner + width + 1, corner + width + 2];
-        let seen = corners.iter().map(|k| self.seen[*k].value).filter(|value| *value > 1e-6);
-        let (sum, n) = seen.fold((0.0, 0.0f32), |(s, n), value| (s + eye_mm - 1.0 / value, n + 1.0));
+        let view = &self.once.view;
+        let corners = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
+        let heights = corners.iter().filter_map(|&(x, y)| {
+            let value = self.seen[y * view.corners()[0] + x].value;
+            (value > 1e-6).then(|| super::View::point(view.row(y)[x], value).z)
+        });
+        let (sum, n) = heights.fold((0.0, 0.0f32), |(s, n), z| (s + z, n + 1.0));
         (n > 0.0).then(|| sum / n)
     }
 

@@ -230,9 +230,10 @@ pub fn slope_of(squeezed: f32) -> f32 {
     squeezed / (1.0 - squeezed.abs()).max(1e-6)
 }
 
-/// So near, in cells, what rises is the receiver's own flank unless it stands clear of that by so much of what its plane rises over
-/// a cell: cells know a flank's height no better, and one that hid light from itself would be too dark.
+/// So near, in cells, what rises is the receiver's own flank unless it stands clear of that: one that hid light from itself would be
+/// too dark.
 const NEAR: f32 = 2.0;
+/// By so much of what the flank's plane rises over a cell: cells know its height no better.
 const DOUBT: f32 = 1.0;
 /// Flanks are no steeper than this, as the part of the normal upwards.
 const STEEPEST: f32 = 0.1;

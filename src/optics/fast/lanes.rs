@@ -127,7 +127,7 @@ impl Mask {
         (m[0] | m[1] | m[2] | m[3]) | (m[4] | m[5] | m[6] | m[7])
     }
 
-    /// Those of both.
+    /// Those of either.
     #[inline(always)]
     pub fn or(self, b: Self) -> Self {
         Self(lanes!(i => self.0[i] | b.0[i]))

@@ -6,8 +6,9 @@ use super::cover::{SAMPLES, place};
 use super::raster::corners;
 use glam::{Vec2, Vec3};
 
-/// A piece is no taller than this, mm.
-const TALL_MM: f32 = 0.04;
+/// A piece is hardly taller than this, mm, unless a pixel would have more than so many of a triangle.
+const SLICE_MM: f32 = 0.04;
+const MOST_SLICES: f32 = 64.0;
 /// Pieces of a pixel cover it to this part.
 const COVERED: f32 = 2e-3;
 /// Parts of a pixel that are smaller are none.
@@ -79,7 +80,7 @@ impl<H: Fn(f32) -> f32> Shown<'_, H> {
             let (low, high) =
                 values.fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
             let tall = ((self.height_mm)(high) - (self.height_mm)(low)).abs();
-            let slices = (tall / TALL_MM).ceil().max(1.0);
+            let slices = (tall / SLICE_MM).ceil().clamp(1.0, MOST_SLICES);
             for k in 0..slices as usize {
                 let mut slice = polygon;
                 if slices > 1.0 {
@@ -88,7 +89,7 @@ impl<H: Fn(f32) -> f32> Shown<'_, H> {
                     slice.clip(|p| to - value(p));
                 }
                 let (area, middle) = slice.area_and_middle();
-                if area > LEAST {
+                if area > LEAST / slices {
                     pieces.push(Piece::new(middle, value(middle), triangle, area));
                 }
             }
@@ -117,7 +118,7 @@ impl<H: Fn(f32) -> f32> Shown<'_, H> {
         pieces.clear();
         let mut slices: Vec<(u32, i32)> = Vec::new();
         for (k, &(value, triangle)) in found.iter().enumerate().filter(|(_, f)| f.1 != u32::MAX) {
-            let slice = (triangle, ((self.height_mm)(value) / TALL_MM).floor() as i32);
+            let slice = (triangle, ((self.height_mm)(value) / SLICE_MM).round() as i32);
             match slices.iter().position(|s| *s == slice) {
                 Some(at) => {
                     let piece = &mut pieces[at];

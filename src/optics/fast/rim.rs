@@ -4,6 +4,7 @@
 use super::cover::{SAMPLED_ERROR, SAMPLES, Values, place};
 use super::desk::{Desk, Rectangle};
 use super::frame::Frame;
+use super::horizon::Stand;
 use super::lanes::{Eight, Vectors, WIDTH};
 use super::piece::{for_triangles, value_at};
 use super::raster::{EMPTY, Sample};
@@ -132,7 +133,7 @@ impl Desk<'_> {
             };
             let mut own = std::mem::take(&mut self.horizons);
             own.resize(self.frame.slots.stride(), 0.0);
-            self.frame.fill_horizons(point.into(), &mut own);
+            self.frame.fill_horizons(Stand::on(point, normal), &mut own);
             let horizons = Own { nodes: &own, at: [0; WIDTH] };
             let places = [place(x, at.x, x0, x1), place(y, at.y, y0, y1)];
             let (point, normal) = (Vectors::all(point), Vectors::all(normal));

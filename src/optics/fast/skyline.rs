@@ -1,17 +1,20 @@
-//! What of the walls a rising pad hides: the radiance of the untouched sensor, by direction, low over its face.
+//! What of the walls a rising pad hides, and of lamps that a plate mirrors: the radiance of the untouched sensor, by direction, low
+//! over its face.
 //!
 //! Walls are lit unevenly, most so by one light alone: what the pad hides is the part of one of them, not their mean. Radiance is
 //! kept for the directions in which the bounce looks, as means over ranges of elevation, on a coarse grid.
 
-use super::echo::{DIRECTIONS, RISES, towards};
+use super::echo::{self, DIRECTIONS, RISES, towards};
 use super::grid::{Grid, Layout, Places};
 use super::lanes::{Eight, Vectors};
+use super::mirrored::Mirrored;
 use super::probes;
 use super::radiosity::Radiosity;
 use super::world::World;
 use crate::optics::sampler::{Sampler, hash};
 use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
+use std::f32::consts::PI;
 
 /// Numbers of a node: three colours of each direction.
 pub const NUMBERS: usize = 3 * DIRECTIONS;
@@ -25,6 +28,7 @@ const LIFT_MM: [f32; 2] = [0.0, 1.5];
 pub fn gather(
     world: &World,
     solved: &Radiosity,
+    mirrored: &Mirrored<'_>,
     layout: &Layout,
     rest: impl Fn(Vec2) -> f32 + Sync,
 ) -> Vec<Grid<NUMBERS>> {
@@ -54,6 +58,12 @@ pub fn gather(
                     numbers[3 * direction..][..3].copy_from_slice(&mean.to_array());
                 }
             }
+            // (Rays do not count lamps that they meet by way of a plate.)
+            mirrored.seen(origin, |light, direction, weight| {
+                let of = echo::range_of(direction);
+                let mean = weight * direction.z / (PI * echo::level_part(of % RISES));
+                numbers[light][3 * of..][..3].iter_mut().for_each(|number| *number += mean);
+            });
             numbers
         })
         .collect();

@@ -14,7 +14,7 @@ const DISTANCES: [f32; 32] = [
     1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.5, 16.0, 17.5, 19.0, 21.0, 23.0,
     25.0, 28.0, 31.0, 35.0, 39.0, 44.0, 50.0, 56.0, 62.0, 69.0, 77.0, 86.0, 96.0,
 ];
-/// So far, in cells that are as large as they may be.
+/// So far, in cells that are as large as they may be; of the finest ones as far as there are distances.
 const REACH: f32 = 44.0;
 /// The same where little will do.
 const FEW_DISTANCES: [f32; 12] = [1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.5, 14.0, 19.0, 25.0, 33.0, 44.0];
@@ -231,7 +231,7 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
                     plane = plane * far.over(far + clear * clear * Eight::all(CLEAR));
                 }
                 let rise = (dz + plane).over(away);
-                // (Beside the way: what stands over the cell's own plane there need not stand over it ahead.)
+                // (What lies aside may stand over the cell's own plane there, and not over it ahead.)
                 let straight = dx * Eight::all(ahead.x) + dy * Eight::all(ahead.y);
                 let risen = (before + even).below(rise).and((away * Eight::all(ASTRAY)).below(straight));
                 if !risen.any() {

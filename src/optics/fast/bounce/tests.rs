@@ -179,10 +179,10 @@ fn a_leaning_plane_sees_nothing_of_itself() {
     }
 }
 
-/// In a valley between two planes that run aslant to the cells, one side is seen from the other under their angle, and nowhere
-/// else: a cell beside the way does not stand in it.
+/// Where one plane rises from another, along a fold that runs aslant to the cells, the steeper is seen from the other under their
+/// angle, and nowhere else: a cell beside the way does not stand in it.
 #[test]
-fn a_valley_lights_itself_by_its_angle() {
+fn a_fold_lights_itself_by_its_angle() {
     let (n, edge) = (41, 0.25);
     let across = Vec2::from_angle(0.65);
     let height = |p: Vec2| across.dot(p) * if across.dot(p) > 0.0 { 2.4 } else { 1.2 };
