@@ -83,7 +83,7 @@ pub struct Pictures {
     pub spread: Vec<f64>,
     /// Rms over the face of |n - n0|^2, which tells how steep the press made it.
     pub steepness: f64,
-    /// How far the pad has moved at the picture's border, in the mean, mm.
+    /// How differently the pad has moved beyond the picture's border, in the mean, mm.
     pub border_mm: f64,
     /// Lights beyond whose plane some of the pad is, and the part that is before it.
     pub sided: Vec<(usize, f64)>,
@@ -101,13 +101,29 @@ fn steepness(cells: &[Cell], rest_normal: impl Fn(Vec3) -> Vec3) -> f64 {
     (sum / f64::max(count, 1.0)).sqrt()
 }
 
-/// Mean over the cells at the border of how far the pad has moved there, mm. (Rows beyond the picture's last are empty.)
-fn border_mm(cells: &[Cell], nx: usize, lift: impl Fn(Vec3) -> f32) -> f64 {
+/// How far beyond the border is looked, mm.
+const BEYOND_MM: f32 = 1.0;
+
+/// Mean over the cells at the border of how much farther or less far than there the pad has moved beyond it, mm. (Rows beyond the
+/// picture's last are empty.)
+fn border_mm(cells: &[Cell], nx: usize, heights: &Heights, lift: impl Fn(Vec3) -> f32) -> f64 {
     let last = cells.iter().rposition(|cell| cell.count > 0.0).map_or(0, |k| k / nx);
-    let is_border = |k: usize| [0, nx - 1].contains(&(k % nx)) || [0, last].contains(&(k / nx));
-    let seen = cells.iter().enumerate().filter(|(k, cell)| cell.count > 0.0 && is_border(*k));
-    let (sum, count) =
-        seen.fold((0.0, 0.0), |(s, n), (_, cell)| (s + lift(cell.position / cell.count).abs(), n + 1.0f32));
+    let outwards = |k: usize| match (k % nx, k / nx) {
+        (0, _) => Some(-Vec2::X),
+        (i, _) if i + 1 == nx => Some(Vec2::X),
+        // In the picture y runs downwards.
+        (_, 0) => Some(Vec2::Y),
+        (_, j) if j == last => Some(-Vec2::Y),
+        _ => None,
+    };
+    let (mut sum, mut count) = (0.0, 0.0f32);
+    for (k, cell) in cells.iter().enumerate().filter(|(_, cell)| cell.count > 0.0) {
+        let Some(outwards) = outwards(k) else { continue };
+        let here = cell.position / cell.count;
+        let beyond = here.truncate() + outwards * BEYOND_MM;
+        sum += (lift(beyond.extend(heights.at(beyond))) - lift(here)).abs();
+        count += 1.0;
+    }
     f64::from(sum / count.max(1.0))
 }
 
@@ -318,7 +334,7 @@ impl Frame<'_> {
             bounced,
             echoed,
             steepness: steepness(&cells, |p| once.total.rest_normal(p)),
-            border_mm: border_mm(&cells, size[0], |p| once.total.lift(p)),
+            border_mm: border_mm(&cells, size[0], self.heights, |p| once.total.lift(p)),
             sided: self.sided.iter().map(|l| (*l, self.faced(&nodes, *l))).collect(),
             glowed,
             feet,
