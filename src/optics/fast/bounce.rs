@@ -1,10 +1,10 @@
 //! What the pressed pad changes in the indirect light: flanks that light what is around them, and hide walls from it.
 //!
-//! The picture is cut into cells of about a quarter of a millimetre, smaller ones beside sharp rims, each with its mean height, normal and irradiance. From
-//! each the pad's profile is followed in a few directions: where it rises above what was seen before, its radiance takes
-//! the place of what the untouched sensor has there, up to the edge itself, which lies between cells. One bounce, from the
-//! light that is there already, and where that changes much once or twice more; what follows is a small part of a small part. (Horizon-based indirect lighting, Bavoil and
-//! Sainz 2008, on a coarse raster.)
+//! The picture is cut into cells of about a quarter of a millimetre, smaller ones beside sharp rims, each with its mean height, normal
+//! and irradiance. From each the pad's profile is followed in a few directions: where it rises above what was seen before, its
+//! radiance takes the place of what the untouched sensor has there, up to the edge itself, which lies between cells. One bounce, from
+//! the light that is there already, and where that changes much once or twice more; what follows is a small part of a small part.
+//! (Horizon-based indirect lighting, Bavoil and Sainz 2008, on a coarse raster.)
 //!
 //! The same horizons tell what each cell sends towards the walls; what they give back is the [`echo`](super::echo).
 

@@ -374,16 +374,16 @@ pub const PER_WEIGHT: f32 = TAU / AROUND as f32 / PI;
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+
     #[test]
     fn a_direction_is_in_the_range_that_it_was_drawn_from() {
-        for direction in 0..super::DIRECTIONS {
+        for direction in 0..DIRECTIONS {
             for (a, b) in [(0.01, 0.02), (0.5, 0.5), (0.99, 0.98), (0.3, 0.7)] {
-                assert_eq!(super::range_of(super::towards(direction, a, b)), direction);
+                assert_eq!(range_of(towards(direction, a, b)), direction);
             }
         }
     }
-
-    use super::*;
 
     #[test]
     fn a_level_face_sends_all_it_has() {

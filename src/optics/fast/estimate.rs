@@ -138,9 +138,7 @@ impl Precomputed {
         let lamps = || self.fixed_scene.lights.iter().filter_map(Lamp::new);
         self.view.slab.is_some_and(|slab| lamps().any(|lamp| slab.covers(lamp.center)))
     }
-}
 
-impl Precomputed {
     /// How often light is sent on between walls before it is lost, were they all around.
     fn bounces_between_walls(&self) -> f64 {
         let (mut areas, mut reflected) = (0.0, 0.0);

@@ -3,7 +3,7 @@
 //! it has is not that of its middle.
 
 use super::cover::{SAMPLES, place};
-use super::raster::corners;
+use super::raster::{EMPTY, Sample, corners};
 use glam::{Vec2, Vec3};
 
 /// A piece is hardly taller than this, mm, unless a pixel would have more than so many of a triangle.
@@ -99,25 +99,13 @@ impl<H: Fn(f32) -> f32> Shown<'_, H> {
 
     /// The triangles on top at samples, and how much of the pixel each is.
     fn sample(&self, pieces: &mut Vec<Piece>) {
-        let mut found = [(f32::NEG_INFINITY, u32::MAX); SAMPLES];
-        self.for_triangles(|triangle, [a, b, c]| {
-            let [pa, pb, pc] = [a, b, c].map(Vec3::truncate);
-            let area = (pb - pa).perp_dot(pc - pa);
-            for (k, found) in found.iter_mut().enumerate() {
-                let p = place(k);
-                let wb = (p - pc).perp_dot(pa - pc) / -area;
-                let wc = (pb - pa).perp_dot(p - pa) / area;
-                let wa = 1.0 - wb - wc;
-                let value = a.z * wa + b.z * wb + c.z * wc;
-                if wa.min(wb).min(wc) >= -1e-4 && value > found.0 {
-                    *found = (value, triangle);
-                }
-            }
-        });
+        let found = on_top(self.vertices, self.nx, self.pixel, self.quads);
         // Samples of a triangle that are as high are one piece, in their middle.
         pieces.clear();
         let mut slices: Vec<(u32, i32)> = Vec::new();
-        for (k, &(value, triangle)) in found.iter().enumerate().filter(|(_, f)| f.1 != u32::MAX) {
+        for (k, &Sample { value, triangle }) in
+            found.iter().enumerate().filter(|(_, s)| s.triangle != u32::MAX)
+        {
             let slice = (triangle, ((self.height_mm)(value) / SLICE_MM).round() as i32);
             match slices.iter().position(|s| *s == slice) {
                 Some(at) => {
@@ -193,8 +181,29 @@ impl Polygon {
     }
 }
 
+/// What the samples of a pixel see of some quads.
+pub fn on_top(vertices: &[Vec3], nx: usize, pixel: Vec2, quads: [usize; 4]) -> [Sample; SAMPLES] {
+    let mut found = [EMPTY; SAMPLES];
+    for_triangles(vertices, nx, pixel, quads, |triangle, [a, b, c]| {
+        let [pa, pb, pc] = [a, b, c].map(Vec3::truncate);
+        let inverse = (pb - pa).perp_dot(pc - pa).recip();
+        for (k, found) in found.iter_mut().enumerate() {
+            let p = place(k);
+            let wb = (pa - pc).perp_dot(p - pc) * inverse;
+            let wc = (pb - pa).perp_dot(p - pa) * inverse;
+            if wb.min(wc).min(1.0 - wb - wc) >= -1e-4 {
+                let value = value_at([a, b, c], p);
+                if value > found.value {
+                    *found = Sample { value, triangle };
+                }
+            }
+        }
+    });
+    found
+}
+
 /// Each triangle of some quads that may show in a pixel, relative to its corner.
-pub fn for_triangles(
+fn for_triangles(
     vertices: &[Vec3],
     nx: usize,
     pixel: Vec2,
@@ -219,7 +228,7 @@ pub fn for_triangles(
 }
 
 /// The value of a triangle at a point of the raster.
-pub fn value_at([a, b, c]: [Vec3; 3], p: Vec2) -> f32 {
+fn value_at([a, b, c]: [Vec3; 3], p: Vec2) -> f32 {
     let [pa, pb, pc] = [a, b, c].map(Vec3::truncate);
     let area = (pb - pa).perp_dot(pc - pa);
     let wb = (p - pc).perp_dot(pa - pc) / -area;

@@ -6,8 +6,8 @@ use super::desk::{Desk, Rectangle};
 use super::frame::Frame;
 use super::horizon::Stand;
 use super::lanes::{Eight, Vectors, WIDTH};
-use super::piece::{for_triangles, value_at};
-use super::raster::{EMPTY, Sample};
+use super::piece::on_top;
+use super::raster::Sample;
 use super::shade::Own;
 use super::traces::add_squares;
 use glam::{Vec2, Vec3};
@@ -41,32 +41,15 @@ impl Frame<'_> {
         let around = ys.flat_map(|y| xs.clone().map(move |x| y * columns + x));
         let triangles: Vec<u32> =
             around.map(|k| self.seen[k].triangle).filter(|triangle| *triangle != u32::MAX).collect();
-        let mut samples = [EMPTY; SAMPLES];
         let pixel = Vec2::new(x as f32, y as f32);
         let Some(quads) = self.quads(&triangles) else {
             // None, or parts of the pad far from each other: as the nearest corner sees it.
-            for (k, sample) in samples.iter_mut().enumerate() {
+            return std::array::from_fn(|k| {
                 let at = (pixel + place(k)).round();
-                *sample = self.seen[at.y as usize * columns + at.x as usize];
-            }
-            return samples;
+                self.seen[at.y as usize * columns + at.x as usize]
+            });
         };
-        for_triangles(self.vertices, self.nx, pixel, self.a_pixel_wider(quads), |triangle, [a, b, c]| {
-            let [pa, pb, pc] = [a, b, c].map(Vec3::truncate);
-            let inverse = (pb - pa).perp_dot(pc - pa).recip();
-            for (k, found) in samples.iter_mut().enumerate() {
-                let p = place(k);
-                let wb = (pa - pc).perp_dot(p - pc) * inverse;
-                let wc = (pb - pa).perp_dot(p - pa) * inverse;
-                if wb.min(wc).min(1.0 - wb - wc) >= -1e-4 {
-                    let value = value_at([a, b, c], p);
-                    if value > found.value {
-                        *found = Sample { value, triangle };
-                    }
-                }
-            }
-        });
-        samples
+        on_top(self.vertices, self.nx, pixel, self.a_pixel_wider(quads))
     }
 
     /// These quads, and around them as many as a pixel is wide: the pad goes on beyond the last corner that sees it.
