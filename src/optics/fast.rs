@@ -53,6 +53,7 @@ mod suited;
 mod tables;
 mod tilt;
 mod traces;
+mod unseen;
 pub(super) mod vector;
 mod view;
 mod wall_shadow;

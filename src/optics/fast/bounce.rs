@@ -9,18 +9,22 @@
 //! The same horizons tell what each cell sends towards the walls; what they give back is the [`echo`](super::echo).
 
 mod elevation;
+mod hidden;
 mod row;
+mod sender;
 
 use super::echo::{self, Echo};
 use super::grid::Grid;
 use super::horizon::Heights;
-use super::lanes::{Eight, Vectors, WIDTH, lanes};
+use super::lanes::{Eight, Vectors, WIDTH, lanes, with_widest};
 use super::packed::Packing;
 use super::probes::{self, NUMBERS};
 use super::skyline;
 use super::tilt::Tilts;
 use super::traces;
+use super::unseen::Unseen;
 use glam::{Vec2, Vec3};
+use hidden::Hidden;
 use rayon::prelude::*;
 use row::{Pass, Row};
 
@@ -29,8 +33,8 @@ const DIRECTIONS: usize = echo::AROUND;
 /// A cell's light is changed by at most this factor, where next to none was.
 const MOST: f32 = 3.0;
 
-/// So much of the pad beside the picture is taken to be as its border, mm.
-const BEYOND_MM: f32 = 2.0;
+/// So much of the pad beside the picture is looked at, mm.
+pub const BEYOND_MM: f32 = 2.0;
 
 /// Cells of the picture along the edge of one that sends towards walls, where they are as large as they may be; as many as are
 /// worked on at once.
@@ -88,6 +92,9 @@ pub struct Cells<'a> {
     pub tilts: &'a Tilts,
     /// Sums of the irradiance over the area of the surface, by picture.
     pub lights: &'a [Vec<Vec3>],
+    /// What is not seen and not as at the picture's border, and the irradiance there, by picture.
+    pub unseen: &'a [Unseen],
+    pub unseen_lights: &'a [Vec<Vec3>],
     /// Pixels of a full cell.
     pub most_count: f32,
     /// Mean albedo of the pad.
@@ -134,10 +141,14 @@ struct Means {
     stride: usize,
     /// Rows above the picture, and below it.
     beside: usize,
+    /// What beside the picture is not as at its border.
+    known: Vec<bool>,
     /// Minus infinity where nothing is.
     heights: Vec<f32>,
     places: [Vec<f32>; 2],
     normals: [Vec<f32>; 3],
+    /// As others see them: with what the camera does not.
+    shown_normals: [Vec<f32>; 3],
     /// By picture and colour: irradiance before any bounce, and as others see it.
     own: Vec<[Vec<f32>; 3]>,
     lights: Vec<[Vec<f32>; 3]>,
@@ -157,7 +168,7 @@ struct Means {
 }
 
 /// Cells beside the picture: as far as is looked, and what stands high there.
-const MARGIN: usize = 108;
+pub const MARGIN: usize = 108;
 
 impl Cells<'_> {
     /// What a cell at the border of the picture stands for, in cells: what is beyond is taken to be as it is.
@@ -182,9 +193,11 @@ impl Cells<'_> {
         let mut means = Means {
             stride,
             beside,
+            known: vec![false; stride * (ny + 2 * beside)],
             heights: row(f32::NEG_INFINITY),
             places: [row(0.0), row(0.0)],
             normals: [row(0.0), row(0.0), row(1.0)],
+            shown_normals: [row(0.0), row(0.0), row(1.0)],
             own: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
             lights: Vec::new(),
             grounds: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
@@ -196,6 +209,7 @@ impl Cells<'_> {
             tilts: Vec::new(),
             highest: f32::NEG_INFINITY,
         };
+        let known = self.known_beside();
         for (k, cell) in self.cells.iter().enumerate().filter(|(_, c)| c.count > 0.0) {
             let at = means.at(k % nx, k / nx);
             let (p, n) = (cell.position / cell.count, cell.normal.normalize_or(Vec3::Z));
@@ -220,7 +234,7 @@ impl Cells<'_> {
             }
             let normal = rest(p);
             let part = cell.count / (cell.count.max(self.most_count));
-            let part = part * self.beyond([k % nx, k / nx], p);
+            let part = part * (self.beyond([k % nx, k / nx], p) - known[k]).max(1.0);
             let pixel = part * (self.edge_mm * (self.eye.z - p.z) / self.eye.z).powi(2) / cell.count;
             means.areas[0][at] = pixel * cell.area;
             means.areas[1][at] = pixel * cell.level / normal.z;
@@ -229,22 +243,78 @@ impl Cells<'_> {
         }
         means.lights.clone_from(&means.own);
         means.tilts.clone_from(&means.own_tilts);
+        means.shown_normals.clone_from(&means.normals);
+        for (k, cell) in self.unseen_in_picture() {
+            let (at, part) = (means.at(cell.at[0] as usize, cell.at[1] as usize), self.unseen_part(cell));
+            for (own, of_cell) in means.shown_normals.iter_mut().zip(cell.normal.to_array()) {
+                own[at] += (of_cell - own[at]) * part;
+            }
+            self.show(&mut means, k);
+        }
+        self.put_beside(&mut means, ground);
         self.continue_beside(&mut means);
         means
     }
 
-    /// Beside the picture the pad goes on as at its border.
+    fn in_picture(&self, unseen: &Unseen) -> bool {
+        (0..2).all(|d| (0..self.size[d] as isize).contains(&unseen.at[d]))
+    }
+
+    /// Of what is not seen that beside the picture.
+    fn unseen_beside(&self) -> impl Iterator<Item = (usize, &Unseen)> {
+        self.unseen.iter().enumerate().filter(|(_, unseen)| !self.in_picture(unseen))
+    }
+
+    /// Of what is not seen that in cells of the picture that show something.
+    fn unseen_in_picture(&self) -> impl Iterator<Item = (usize, &Unseen)> {
+        let shows = |at: [isize; 2]| self.cells[at[1] as usize * self.size[0] + at[0] as usize].count > 0.0;
+        let all = self.unseen.iter().enumerate();
+        all.filter(move |(_, unseen)| self.in_picture(unseen) && shows(unseen.at))
+    }
+
+    /// By cell: how many beside the picture would go on as it is, were they not known.
+    fn known_beside(&self) -> Vec<f32> {
+        let mut known = vec![0.0; self.cells.len()];
+        for (_, cell) in self.unseen_beside() {
+            let [i, j] = [0, 1].map(|d| cell.at[d].clamp(0, self.size[d] as isize - 1) as usize);
+            known[j * self.size[0] + i] += 1.0;
+        }
+        known
+    }
+
+    /// What is known of the pad beside the picture.
+    fn put_beside(&self, means: &mut Means, ground: &impl Fn(usize, Vec3) -> Vec3) {
+        for (k, cell) in self.unseen_beside() {
+            let from = means.at(0, 0) as isize + cell.at[1] * means.stride as isize + cell.at[0];
+            let at = from as usize;
+            means.known[at] = true;
+            (means.places[0][at], means.places[1][at], means.heights[at]) = cell.position.into();
+            for (c, of_cell) in cell.normal.to_array().into_iter().enumerate() {
+                (means.normals[c][at], means.shown_normals[c][at]) = (of_cell, of_cell);
+            }
+            means.highest = means.highest.max(cell.position.z);
+            if let Some(upright) = means.upright.get_mut(at) {
+                *upright = f32::from(u8::from(cell.is_flank));
+            }
+            for (film, (light, rest)) in means.lights.iter_mut().zip(&mut means.grounds).enumerate() {
+                (light[0][at], light[1][at], light[2][at]) = self.unseen_lights[film][k].into();
+                (rest[0][at], rest[1][at], rest[2][at]) = ground(film, cell.position).into();
+            }
+        }
+    }
+
+    /// Beside the picture the pad goes on as at its border, where nothing else is known.
     fn continue_beside(&self, means: &mut Means) {
         let [nx, ny] = self.size.map(|n| n as isize);
         let (beside, [low, high]) = (means.beside as isize, self.extent);
         for j in -beside..ny + beside {
             for i in -beside..nx + beside {
                 let (from_i, from_j) = (i.clamp(0, nx - 1), j.clamp(0, ny - 1));
-                if (i, j) == (from_i, from_j) {
-                    continue;
-                }
                 let from = means.at(from_i as usize, from_j as usize);
                 let to = from.wrapping_add_signed((j - from_j) * means.stride as isize + i - from_i);
+                if to == from || means.known[to] {
+                    continue;
+                }
                 let z = means.heights[from];
                 let edge_mm = self.edge_mm * (self.eye.z - z) / self.eye.z;
                 // In the picture y runs downwards.
@@ -253,11 +323,13 @@ impl Cells<'_> {
                 if z == f32::NEG_INFINITY || place.cmplt(low).any() || place.cmpgt(high).any() {
                     continue;
                 }
-                let Means { heights, places, normals, lights, grounds, upright, tilts, .. } = means;
+                let Means {
+                    heights, places, normals, shown_normals, lights, grounds, upright, tilts, ..
+                } = means;
                 (places[0][to], places[1][to], heights[to]) = (place.x, place.y, z);
                 let colours = lights.iter_mut().chain(grounds).chain(tilts).flatten();
                 colours
-                    .chain(normals)
+                    .chain(normals.iter_mut().chain(shown_normals))
                     .chain(Some(upright).filter(|u| !u.is_empty()))
                     .for_each(|numbers| numbers[to] = numbers[from]);
             }
@@ -289,7 +361,31 @@ impl Cells<'_> {
                 }
             }
         }
+        for (k, cell) in self.unseen_in_picture() {
+            if of(cell.at[1] as usize * nx + cell.at[0] as usize) {
+                self.show(means, k);
+            }
+        }
         self.continue_beside(means);
+    }
+
+    /// Part that something unseen has in the surface of its cell.
+    fn unseen_part(&self, unseen: &Unseen) -> f32 {
+        let cell = &self.cells[unseen.at[1] as usize * self.size[0] + unseen.at[0] as usize];
+        let scale = self.edge_mm * (self.eye.z - unseen.position.z) / self.eye.z;
+        let seen_mm2 = cell.area / cell.count.max(1e-6) * scale * scale;
+        unseen.area_mm2 / (unseen.area_mm2 + seen_mm2)
+    }
+
+    /// Mixes the light on something unseen into what others see of its cell.
+    fn show(&self, means: &mut Means, k: usize) {
+        let cell = &self.unseen[k];
+        let (at, part) = (means.at(cell.at[0] as usize, cell.at[1] as usize), self.unseen_part(cell));
+        for (shown, light) in means.lights.iter_mut().zip(self.unseen_lights) {
+            for (c, shown) in shown.iter_mut().enumerate() {
+                shown[at] += (light[k][c] - shown[at]) * part;
+            }
+        }
     }
 
     /// Numbers a cell has in a pass, by picture: its gain, and where there are flanks by how much its light changes with height,
@@ -321,7 +417,7 @@ impl Cells<'_> {
         &self,
         untouched: Untouched<
             impl Fn(usize, Vec3) -> [f32; skyline::NUMBERS] + Sync,
-            impl Fn(usize, Vec3) -> Vec3,
+            impl Fn(usize, Vec3) -> Vec3 + Sync,
         >,
         rest: impl Fn(Vec3) -> Vec3 + Sync,
     ) -> Changes {
@@ -372,6 +468,7 @@ impl Cells<'_> {
         let Some(echo) = self.echo else {
             return Changes { gains: self.packing.unpack(gains), echoed: vec![0.0; traces::count(lights)] };
         };
+        self.send_unseen(&untouched.ground, &rest, &mut sent);
         let answers = echo.answers(&echo.reached(&sent, self.lost, films));
         let echoes = gains.par_iter_mut().zip(&answers).enumerate();
         let echoes = echoes.map(|(film, (gains, answer))| self.echo(&means, film, answer, gains));
@@ -384,6 +481,32 @@ impl Cells<'_> {
             echoed.push(Echoed::sum(&echoes, self.radiances).mean_square());
         }
         Changes { gains: self.packing.unpack(gains), echoed }
+    }
+
+    /// Adds what is sent by what is not seen, as from the nearest cell of the picture.
+    fn send_unseen(
+        &self,
+        ground: &(impl Fn(usize, Vec3) -> Vec3 + Sync),
+        rest: &(impl Fn(Vec3) -> Vec3 + Sync),
+        sent: &mut [Vec3],
+    ) {
+        let films = self.lights.len();
+        let of_cells = self.unseen.par_chunks(WIDTH).enumerate();
+        let of_cells: Vec<hidden::Sent> = of_cells
+            .map(|(chunk, unseen)| {
+                with_widest(Hidden { cells: self, first: chunk * WIDTH, unseen, ground, rest })
+            })
+            .collect();
+        let columns = self.size[0].div_ceil(self.sending);
+        for (cell, of_films) in self.unseen.iter().zip(of_cells.iter().flat_map(|of| of.chunks_exact(films)))
+        {
+            let [i, j] =
+                [0, 1].map(|d| cell.at[d].clamp(0, self.size[d] as isize - 1) as usize / self.sending);
+            for (film, of_film) in of_films.iter().enumerate() {
+                let to = &mut sent[((j * columns + i) * films + film) * echo::DIRECTIONS..];
+                to.iter_mut().zip(of_film).for_each(|(to, more)| *to += *more);
+            }
+        }
     }
 
     /// Adds what walls give back to the gains of a picture.

@@ -19,6 +19,7 @@ use super::slots::{POSITION, Slots};
 use super::source::{COARSE, KEPT, LINES, Line, with_means};
 use super::tilt::{Parts, Tilts};
 use super::traces;
+use super::unseen::{AllUnseen, Border};
 use super::vector::{irradiance, of_point, quadrilateral};
 use super::wall_shadow;
 use crate::optics::{Albedo, Film, Mesh};
@@ -99,32 +100,6 @@ fn steepness(cells: &[Cell], rest_normal: impl Fn(Vec3) -> Vec3) -> f64 {
         count += f64::from(cell.count);
     }
     (sum / f64::max(count, 1.0)).sqrt()
-}
-
-/// How far beyond the border is looked, mm.
-const BEYOND_MM: f32 = 1.0;
-
-/// Mean over the cells at the border of how much farther or less far than there the pad has moved beyond it, mm. (Rows beyond the
-/// picture's last are empty.)
-fn border_mm(cells: &[Cell], nx: usize, heights: &Heights, lift: impl Fn(Vec3) -> f32) -> f64 {
-    let last = cells.iter().rposition(|cell| cell.count > 0.0).map_or(0, |k| k / nx);
-    let outwards = |k: usize| match (k % nx, k / nx) {
-        (0, _) => Some(-Vec2::X),
-        (i, _) if i + 1 == nx => Some(Vec2::X),
-        // In the picture y runs downwards.
-        (_, 0) => Some(Vec2::Y),
-        (_, j) if j == last => Some(-Vec2::Y),
-        _ => None,
-    };
-    let (mut sum, mut count) = (0.0, 0.0f32);
-    for (k, cell) in cells.iter().enumerate().filter(|(_, cell)| cell.count > 0.0) {
-        let Some(outwards) = outwards(k) else { continue };
-        let here = cell.position / cell.count;
-        let beyond = here.truncate() + outwards * BEYOND_MM;
-        sum += (lift(beyond.extend(heights.at(beyond))) - lift(here)).abs();
-        count += 1.0;
-    }
-    f64::from(sum / count.max(1.0))
 }
 
 /// Rows of blocks hold one picture after the other, `block` numbers each.
@@ -224,6 +199,9 @@ impl Frame<'_> {
             }
         }
         let cells = whole;
+        let edge_mm = cell_px as f32 * self.once.pixel_mm;
+        let border = Border { size, cell_px, edge_mm, cells: &cells };
+        let border_mm = border.uneven_mm(self.heights, |p| self.once.total.lift(p));
         let (mut bounced, mut echoed) = (vec![0.0; traces], vec![0.0; traces]);
         let mut glows: Vec<Vec<Vec3>> = Vec::new();
         if self.effort.bounce {
@@ -231,7 +209,6 @@ impl Frame<'_> {
                 Albedo::Constant(albedo) => *albedo,
                 Albedo::Texture(texture) => texture.mean(),
             };
-            let edge_mm = cell_px as f32 * self.once.pixel_mm;
             // (Of large cells a part of the rows counts.)
             let most_count = (cell_px * cell_px) as f32 * if cell_px >= 4 { 0.25 } else { 1.0 };
             let (eye, echo) = (camera.origin, self.once.tables.echo.as_ref());
@@ -239,6 +216,8 @@ impl Frame<'_> {
             let packing = self.packing(albedo, films);
             let tilts = Tilts::of(&parts_of_flanks, in_row, lights.len()).packed(packing);
             let packed_lights = packing.pack(&lights);
+            let AllUnseen { cells: unseen, lights: unseen_lights } = self.unseen(&border, border_mm);
+            let unseen_lights = packing.pack(&unseen_lights);
             let cells = Cells {
                 size,
                 edge_mm,
@@ -247,6 +226,8 @@ impl Frame<'_> {
                 flanks: &is_flank,
                 tilts: &tilts,
                 lights: &packed_lights,
+                unseen: &unseen,
+                unseen_lights: &unseen_lights,
                 most_count,
                 albedo,
                 eye,
@@ -334,7 +315,7 @@ impl Frame<'_> {
             bounced,
             echoed,
             steepness: steepness(&cells, |p| once.total.rest_normal(p)),
-            border_mm: border_mm(&cells, size[0], self.heights, |p| once.total.lift(p)),
+            border_mm,
             sided: self.sided.iter().map(|l| (*l, self.faced(&nodes, *l))).collect(),
             glowed,
             feet,
@@ -507,6 +488,12 @@ impl Frame<'_> {
     /// Fills up to eight nodes at once.
     #[inline(always)]
     pub fn fill(&self, points: &[Vec3], out: &mut [f32]) {
+        self.fill_on(points, |k| points[k].into(), out);
+    }
+
+    /// The same, where the pad hides lights as from the `stands` of these points.
+    #[inline(always)]
+    pub fn fill_on(&self, points: &[Vec3], stands: impl Fn(usize) -> Stand, out: &mut [f32]) {
         let (once, slots) = (self.once, &self.slots);
         let stride = slots.stride();
         let mut eight = Vectors::all(points[0]);
@@ -534,7 +521,7 @@ impl Frame<'_> {
         let grids =
             if slots.films == 1 { std::slice::from_ref(&once.total) } else { &once.tables.probes[..] };
         let greys = once.greys.as_deref().filter(|_| slots.grey).unwrap_or_default();
-        for (p, node) in points.iter().zip(out.chunks_exact_mut(stride)) {
+        for (k, (p, node)) in points.iter().zip(out.chunks_exact_mut(stride)).enumerate() {
             node[POSITION..3].copy_from_slice(&p.to_array());
             for (film, grid) in greys.iter().enumerate() {
                 let values = grid.at(*p);
@@ -546,7 +533,7 @@ impl Frame<'_> {
             }
             for (l, source) in once.sources.iter().enumerate() {
                 let lines = source.seen(*p, once.view.slab.as_ref());
-                self.horizons(l, (*p).into(), &lines, node);
+                self.horizons(l, stands(k), &lines, node);
                 // Behind a light there is nothing to take off.
                 node[slots.gain(l)] = f32::from(u8::from(source.faces(*p)));
                 if slots.varying() {

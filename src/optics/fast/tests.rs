@@ -39,7 +39,7 @@ pub(super) static ONCE: LazyLock<Precomputed> =
     LazyLock::new(|| Precomputed::new(&scene(bench_scene::Variant::Ac, |_, _| 0.0)).unwrap());
 
 /// relRMSE against the reference, its own noise taken off, and the ratio of means.
-fn against_reference(scene: &Scene, fast: &Film) -> (f64, Vec3) {
+pub(super) fn against_reference(scene: &Scene, fast: &Film) -> (f64, Vec3) {
     let film = |seed| {
         let settings = reference::Settings { samples: 32, seed };
         reference::Renderer::new(scene).unwrap().render(&settings)

@@ -1,8 +1,9 @@
 //! A row of cells: from eight at once the pad's profile is followed in all directions.
 
 use super::elevation::{mean_slope, shares, weight};
+use super::sender::Sender;
 use super::{Cells, DIRECTIONS, MARGIN, MOST, Means, SENDING};
-use crate::optics::fast::echo::{self, PER_WEIGHT, RISES, SLOPES};
+use crate::optics::fast::echo::{self, RISES, SLOPES};
 use crate::optics::fast::lanes::{Eight, Mask, Vectors, WIDTH, Work, with_widest};
 use crate::optics::fast::lookout::Lookout;
 use crate::optics::fast::skyline;
@@ -34,18 +35,6 @@ const ASTRAY: f32 = 0.7;
 /// Planes whose normal has less of it upwards are steep; 1 over the square of the sine by which something is clear of one.
 const STEEP: f32 = 0.7;
 const CLEAR: f32 = 100.0;
-
-/// Weights of level ground up to the slopes between rises, and of all of it.
-const FLAT: [f32; RISES + 1] = {
-    let mut flat = [0.5; RISES + 1];
-    let mut k = 0;
-    while k < RISES {
-        let slope2 = SLOPES[k] * SLOPES[k];
-        flat[k] = 0.5 * slope2 / (1.0 + slope2);
-        k += 1;
-    }
-    flat
-};
 
 /// A row of cells.
 pub struct Row<'a, S> {
@@ -80,7 +69,7 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS], const FLANKS: bool> Work for
 }
 
 /// By direction: the slope below which the pad is seen, and the weight of what is.
-type Horizons = [[Eight; 2]; DIRECTIONS];
+pub type Horizons = [[Eight; 2]; DIRECTIONS];
 
 impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
     /// Works on the row.
@@ -246,7 +235,7 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
                 }
                 // How much is seen of a step on what is there, and on what was there before: by how much its slope is above
                 // the line of sight.
-                let normal = |c: usize| Means::eight(&means.normals[c], k);
+                let normal = |c: usize| Means::eight(&means.shown_normals[c], k);
                 let toward =
                     -(normal(0) * dx + normal(1) * dy + normal(2) * dz).over(away * normal(2).max(least));
                 let hides = toward.below(least);
@@ -392,38 +381,17 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
         if self.cells.echo.is_none() || matches!(self.pass, Pass::Flanks) {
             return;
         }
-        let (zero, steepest) = (Eight::all(0.0), Eight::all(1e4));
-        let [area, rest_area] = [0, 1].map(|k| Means::eight(&means.areas[k], at) * Eight::all(PER_WEIGHT));
-        let [nx_, ny_, nz_] = [0, 1, 2].map(|c| Means::eight(&means.normals[c], at));
-        let [rx, ry, rz] = [0, 1, 2].map(|c| Means::eight(&means.rest_normals[c], at));
-        let flat = !Eight::all(1e-6).below(rx.abs().max(ry.abs())).any();
-        // Parts of what is sent, by direction: now and before.
-        let mut parts = [[zero; 2]; echo::DIRECTIONS];
-        for (direction, [slope, below]) in horizons.iter().enumerate() {
-            let ahead = ahead(direction);
-            let along = nx_ * Eight::all(ahead.x) + ny_ * Eight::all(ahead.y);
-            let rest_along = rx * Eight::all(ahead.x) + ry * Eight::all(ahead.y);
-            let plane = if flat { zero } else { (-rest_along).over(rz) };
-            let rest_below = if flat { zero } else { weight(plane, rest_along, rz) };
-            // What leaves from high up meets a wall where steeper light from the level would; what meets none is the pad's.
-            let lift = self.lift(at, ahead);
-            let from = |k: usize, lift: Eight, along: Eight, up: Eight, horizon: Eight, below: Eight| {
-                let edge = SLOPES.get(k).map_or(steepest, |s| Eight::all(*s)) - lift;
-                horizon.below(edge).choose(weight(edge, along, up), below)
-            };
-            let of_now = |k: usize| from(k, lift, along, nz_, *slope, *below);
-            // Most faces are flat at rest.
-            let of_rest = |k: usize| match flat {
-                true => Eight::all(FLAT[k]),
-                false => from(k, zero, rest_along, rz, plane, rest_below),
-            };
-            let mut low = [of_now(0), of_rest(0)];
-            for rise in 0..RISES {
-                let high = [of_now(rise + 1), of_rest(rise + 1)];
-                parts[direction * RISES + rise] = [(high[0] - low[0]) * area, (high[1] - low[1]) * rest_area];
-                low = high;
-            }
-        }
+        let sender = Sender {
+            areas: [0, 1].map(|k| Means::eight(&means.areas[k], at)),
+            normal: Means::light(&means.normals, at),
+            rest_normal: Means::light(&means.rest_normals, at),
+            place: Vectors {
+                x: Means::eight(&means.places[0], at),
+                y: Means::eight(&means.places[1], at),
+                z: Means::eight(&means.heights, at),
+            },
+        };
+        let parts = sender.parts(horizons, self.cells.extent, self.cells.edge_mm);
         for film in 0..films {
             let mut now = Means::light(&means.own[film], at);
             for k in 0..lanes {
@@ -439,20 +407,6 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
                 *to += (now.scaled(*part) - before.scaled(*rest)).sums() * self.cells.albedo;
             }
         }
-    }
-
-    /// By how much the slope from the level to where a wall stands differs from that from each of eight cells, if it stands
-    /// at the rim of the pad.
-    #[inline(always)]
-    fn lift(&self, at: usize, ahead: Vec2) -> Eight {
-        let [low, high] = self.cells.extent;
-        let away = |c: usize| {
-            let place = Means::eight(&self.means.places[c], at);
-            let wall = Eight::all(if ahead[c] > 0.0 { high[c] } else { low[c] });
-            (wall - place) * Eight::all(1.0 / ahead[c])
-        };
-        let far = away(0).min(away(1)).max(Eight::all(self.cells.edge_mm));
-        Means::eight(&self.means.heights, at).max(Eight::all(0.0)).over(far)
     }
 
     /// The untouched sensor's walls at eight cells, by picture.
@@ -477,6 +431,6 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
 
 /// A direction looked into.
 #[inline(always)]
-fn ahead(direction: usize) -> Vec2 {
+pub fn ahead(direction: usize) -> Vec2 {
     Vec2::from_angle((direction as f32 + 0.5) * (TAU / DIRECTIONS as f32))
 }

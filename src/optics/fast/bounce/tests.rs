@@ -29,6 +29,8 @@ fn white<'a>(
         heights,
         echo: None,
         lost: &[],
+        unseen: &[],
+        unseen_lights: &[],
         packing: Packing::Apart,
         radiances: &[],
         again: false,

@@ -1,0 +1,88 @@
+//! What of the pad that the camera does not see sends towards the walls.
+
+use super::elevation::weight;
+use super::row::{Horizons, ahead};
+use super::sender::Sender;
+use super::{Cells, DIRECTIONS};
+use crate::optics::fast::echo;
+use crate::optics::fast::horizon::Stand;
+use crate::optics::fast::lanes::{Eight, Vectors, WIDTH, Work, lanes};
+use crate::optics::fast::unseen::Unseen;
+use glam::Vec3;
+use std::f32::consts::FRAC_PI_2;
+
+/// Up to eight of those cells, the first of which is cell `first` of all.
+pub struct Hidden<'a, G, N> {
+    pub cells: &'a Cells<'a>,
+    pub first: usize,
+    pub unseen: &'a [Unseen],
+    /// Irradiance of the untouched face, in a picture at a place, and its normal.
+    pub ground: &'a G,
+    pub rest: &'a N,
+}
+
+/// By cell and picture, what it sends into each direction.
+pub type Sent = Vec<[Vec3; echo::DIRECTIONS]>;
+
+impl<G: Fn(usize, Vec3) -> Vec3, N: Fn(Vec3) -> Vec3> Work for Hidden<'_, G, N> {
+    type Output = Sent;
+
+    #[inline(always)]
+    fn run(self) -> Sent {
+        let Self { cells, first, unseen, ground, rest } = self;
+        let of = |k: usize| &unseen[k.min(unseen.len() - 1)];
+        let normals: [Vec3; WIDTH] = std::array::from_fn(|k| of(k).normal);
+        let rests: [Vec3; WIDTH] = std::array::from_fn(|k| rest(of(k).position));
+        let sender = Sender {
+            areas: [Eight(lanes!(k => of(k).area_mm2)), Eight(lanes!(k => of(k).level_mm2 / rests[k].z))],
+            normal: vectors(&normals),
+            rest_normal: vectors(&rests),
+            place: vectors(&std::array::from_fn(|k| of(k).position)),
+        };
+        let mut horizons: Horizons = [[Eight::all(0.0); 2]; DIRECTIONS];
+        for (direction, horizon) in horizons.iter_mut().enumerate() {
+            *horizon = horizon_of(cells, direction, &of, sender.normal);
+        }
+        let parts = sender.parts(&horizons, cells.extent, cells.edge_mm);
+        let mut out = Vec::with_capacity(unseen.len() * cells.lights.len());
+        for (k, cell) in unseen.iter().enumerate() {
+            for (film, lights) in cells.unseen_lights.iter().enumerate() {
+                let (now, before) =
+                    (lights[first + k] * cells.albedo, ground(film, cell.position) * cells.albedo);
+                out.push(parts.map(|[part, rest]| now * part.0[k] - before * rest.0[k]));
+            }
+        }
+        out
+    }
+}
+
+/// What eight cells see of the pad in a direction: the slope below which they do, and its weight.
+#[inline(always)]
+fn horizon_of<'a>(
+    cells: &Cells<'_>,
+    direction: usize,
+    of: &impl Fn(usize) -> &'a Unseen,
+    normal: Vectors,
+) -> [Eight; 2] {
+    let ahead = ahead(direction);
+    let along = normal.x * Eight::all(ahead.x) + normal.y * Eight::all(ahead.y);
+    let upright = Eight::all(1e-3).below(normal.z);
+    let plane = upright.choose((-along).over(normal.z), Eight::all(f32::NEG_INFINITY));
+    let own = upright
+        .choose(weight(plane, along, normal.z), (normal.z - along * Eight::all(FRAC_PI_2)) * Eight::all(0.5));
+    let highest = Eight(lanes!(k => {
+        let cell = of(k);
+        let from = Stand::on(cell.position, cell.normal);
+        cells.heights.horizon(from, ahead, f32::INFINITY, plane.0[k].max(LOWEST), f32::INFINITY)
+    }));
+    let risen = (plane.max(Eight::all(LOWEST)) + Eight::all(1e-4)).below(highest);
+    [risen.choose(highest, plane), risen.choose(weight(highest, along, normal.z), own)]
+}
+
+/// Horizons are followed from here upwards, as a slope.
+const LOWEST: f32 = -10.0;
+
+#[inline(always)]
+fn vectors(of: &[Vec3; WIDTH]) -> Vectors {
+    Vectors { x: Eight(lanes!(k => of[k].x)), y: Eight(lanes!(k => of[k].y)), z: Eight(lanes!(k => of[k].z)) }
+}
