@@ -22,8 +22,8 @@ const EDGED_INCREMENT_MM: f64 = 0.34;
 const EDGE_SLOPE: f64 = 0.7;
 /// Height above the tip up to which edges and area count, mm: as deep as most presses go.
 const EDGES_UP_TO_MM: f64 = 0.5;
-/// Cells need not be narrower than this for a thin tip, mm: finer ones are taken where an answer states too much. Found by
-/// experiment: cells of 1.25 mm once stated 15 % under a needle 0.8 mm deep whose force was 33 % off.
+/// Cells are no wider than what touches, but need not be narrower than this for it, mm: finer ones are taken where an answer states
+/// too much. Found by experiment: cells of 1.25 mm stated 15 % under a needle 0.8 mm deep whose force was 33 % off.
 const NARROWEST_FOR_TIP_MM: f64 = 0.5;
 /// Power of the cell size with which the stated error falls (found by experiment: flat bodies with rounded edges).
 const ORDER: f64 = 1.5;
@@ -71,7 +71,10 @@ impl Resolution {
         let [hx, hy] = body.half_extent_mm();
         let short = (INCREMENT_OVER_RADIUS * hx.min(hy)).max(SHORTEST_MM);
         let longest = if self.sees_edges(body, size) { EDGED_INCREMENT_MM } else { LONGEST_INCREMENT_MM };
-        let cell_mm = self.cell_mm.min(tip_width_mm(body, self.cell_mm).max(NARROWEST_FOR_TIP_MM));
+        let cell_mm = match self.cell_mm <= NARROWEST_FOR_TIP_MM {
+            true => self.cell_mm,
+            false => tip_width_mm(body, self.cell_mm).max(NARROWEST_FOR_TIP_MM),
+        };
         Self { cell_mm, increment_mm: longest.min(short), ..self }
     }
 
@@ -120,21 +123,52 @@ impl Resolution {
     }
 }
 
-/// Side of the square that is as large as what the pad can touch of a body's underside, mm; at least `enough` is as good as any.
+/// How wide the widest part of a body's underside is that the pad can touch, mm: of a ridge its width, not its length. At least
+/// `enough` is as good as any.
 fn tip_width_mm(body: &dyn Indenter, enough: f64) -> f64 {
-    const PITCH_MM: f64 = NARROWEST_FOR_TIP_MM / 8.0;
-    let reach = body.half_extent_mm().map(|half| (half / PITCH_MM).ceil() as i32);
-    let mut area = 0.0;
-    for j in -reach[1]..=reach[1] {
-        for i in -reach[0]..=reach[0] {
-            let height = body.lower_surface(f64::from(i) * PITCH_MM, f64::from(j) * PITCH_MM);
-            if height.is_some_and(|z| z <= EDGES_UP_TO_MM) {
-                area += PITCH_MM * PITCH_MM;
-            }
-            if area >= enough * enough {
-                return enough;
-            }
+    const PITCH_MM: f64 = NARROWEST_FOR_TIP_MM / 4.0;
+    let [nx, ny] = body.half_extent_mm().map(|half| (half / PITCH_MM).ceil() as i32);
+    let touches = |i: i32, j: i32| {
+        let height = body.lower_surface(f64::from(i) * PITCH_MM, f64::from(j) * PITCH_MM);
+        height.is_some_and(|z| z <= EDGES_UP_TO_MM)
+    };
+    let longest = (enough / PITCH_MM).ceil() as i32;
+    // From a point both ways along a row, a column or a diagonal, as long as it touches.
+    let width = |i: i32, j: i32, [u, v]: [i32; 2]| {
+        let run =
+            |sign: i32| (1..longest).take_while(|k| touches(i + sign * k * u, j + sign * k * v)).count();
+        (run(1) + run(-1) + 1) as f64 * PITCH_MM * f64::from(u * u + v * v).sqrt()
+    };
+    let mut widest = 0.0f64;
+    for (i, j) in (-ny..=ny).flat_map(|j| (-nx..=nx).map(move |i| (i, j))).filter(|&(i, j)| touches(i, j)) {
+        let narrowest = |least: f64, way| if least <= widest { least } else { least.min(width(i, j, way)) };
+        widest = widest.max([[1, 0], [0, 1], [1, 1], [1, -1]].into_iter().fold(enough, narrowest));
+        if widest >= enough {
+            break;
         }
     }
-    area.sqrt()
+    widest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::indenter::spec::{Plan, Shape};
+    use crate::indenter::{IndenterSpec, from_spec};
+
+    #[test]
+    fn cells_are_no_wider_than_what_touches() {
+        let cell_mm = |shape: Shape, tolerance: f64| {
+            let spec = IndenterSpec { description: String::new(), edge_round_mm: 0.0, height_mm: 8.0, shape };
+            let body = from_spec("body", &spec, None).expect("a body");
+            Resolution::for_tolerance(tolerance).for_body(body.as_ref(), [20.0, 20.0, 4.0]).cell_mm
+        };
+        let usual = |tolerance: f64| Resolution::for_tolerance(tolerance).cell_mm;
+        let stripe = |x_mm: f64| Shape::Flat { plan: Plan::Rectangle { x_mm, y_mm: 10.0 } };
+        let sphere = Shape::Dome { radius_mm: 4.0, diameter_mm: 8.0 };
+        assert!(usual(0.1) > 1.2 && cell_mm(sphere, 0.1) == usual(0.1));
+        assert!((cell_mm(stripe(1.0), 0.1) - 1.0).abs() < 0.15);
+        assert_eq!(cell_mm(stripe(0.2), 0.1), NARROWEST_FOR_TIP_MM);
+        assert_eq!(cell_mm(stripe(0.2), 0.005), usual(0.005));
+    }
 }
