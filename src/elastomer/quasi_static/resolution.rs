@@ -22,8 +22,9 @@ const EDGED_INCREMENT_MM: f64 = 0.34;
 const EDGE_SLOPE: f64 = 0.7;
 /// Height above the tip up to which edges and area count, mm: as deep as most presses go.
 const EDGES_UP_TO_MM: f64 = 0.5;
-/// Cells are no wider than what touches, but need not be narrower than this for it, mm: finer ones are taken where an answer states
-/// too much. Found by experiment: cells of 1.25 mm stated 15 % under a needle 0.8 mm deep whose force was 33 % off.
+/// At least so many cells go across what touches, though they need not be narrower than this for it, mm: finer ones are taken where
+/// an answer states too much. Found by experiment: one cell across a needle 0.8 mm deep stated 15 %, and its force was 33 % off.
+const CELLS_OF_TIP: f64 = 1.5;
 const NARROWEST_FOR_TIP_MM: f64 = 0.5;
 /// Power of the cell size with which the stated error falls (found by experiment: flat bodies with rounded edges).
 const ORDER: f64 = 1.5;
@@ -73,7 +74,10 @@ impl Resolution {
         let longest = if self.sees_edges(body, size) { EDGED_INCREMENT_MM } else { LONGEST_INCREMENT_MM };
         let cell_mm = match self.cell_mm <= NARROWEST_FOR_TIP_MM {
             true => self.cell_mm,
-            false => tip_width_mm(body, self.cell_mm).max(NARROWEST_FOR_TIP_MM),
+            false => {
+                let width_mm = tip_width_mm(body, CELLS_OF_TIP * self.cell_mm);
+                (width_mm / CELLS_OF_TIP).max(NARROWEST_FOR_TIP_MM)
+            }
         };
         Self { cell_mm, increment_mm: longest.min(short), ..self }
     }
@@ -157,7 +161,7 @@ mod tests {
     use crate::indenter::{IndenterSpec, from_spec};
 
     #[test]
-    fn cells_are_no_wider_than_what_touches() {
+    fn cells_are_narrower_than_what_touches() {
         let cell_mm = |shape: Shape, tolerance: f64| {
             let spec = IndenterSpec { description: String::new(), edge_round_mm: 0.0, height_mm: 8.0, shape };
             let body = from_spec("body", &spec, None).expect("a body");
@@ -167,7 +171,7 @@ mod tests {
         let stripe = |x_mm: f64| Shape::Flat { plan: Plan::Rectangle { x_mm, y_mm: 10.0 } };
         let sphere = Shape::Dome { radius_mm: 4.0, diameter_mm: 8.0 };
         assert!(usual(0.1) > 1.2 && cell_mm(sphere, 0.1) == usual(0.1));
-        assert!((cell_mm(stripe(1.0), 0.1) - 1.0).abs() < 0.15);
+        assert!((cell_mm(stripe(1.0), 0.1) - 1.0 / CELLS_OF_TIP).abs() < 0.1);
         assert_eq!(cell_mm(stripe(0.2), 0.1), NARROWEST_FOR_TIP_MM);
         assert_eq!(cell_mm(stripe(0.2), 0.005), usual(0.005));
     }
