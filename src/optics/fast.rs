@@ -6,7 +6,8 @@
 //!    the cut is taken off: ribbons ([`source`]) cut at the pad's horizon ([`horizon`]), in closed form, without noise.
 //! 2. *Indirect light* comes from walls and pad of the untouched sensor, solved once ([`radiosity`] over [`world`]) and
 //!    kept as irradiance over place and normal ([`probes`]). What the press itself changes in it is added as one bounce
-//!    on a coarse raster ([`bounce`]), which knows by direction what walls it hides ([`skyline`]).
+//!    on a coarse raster ([`bounce`]), which knows by direction what walls it hides ([`skyline`]) and what the picture does not
+//!    show of the pad ([`unseen`]).
 //! 3. *What a pixel sees* is found by drawing the pad's lattice ([`raster`]) over the corners of pixels; fields and
 //!    horizons are worked out at nodes a few pixels apart and interpolated ([`frame`], [`desk`], [`shade`]), but for
 //!    [`crease`]s, which are sampled.

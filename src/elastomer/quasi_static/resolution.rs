@@ -21,10 +21,11 @@ const EDGED_INCREMENT_MM: f64 = 0.34;
 /// An edge is where the slope of the underside changes by this much across a cell.
 const EDGE_SLOPE: f64 = 0.7;
 /// Height above the tip up to which edges and area count, mm: as deep as most presses go.
-const EDGES_UP_TO_MM: f64 = 0.5;
-/// At least so many cells go across what touches, though they need not be narrower than this for it, mm: finer ones are taken where
-/// an answer states too much. Found by experiment: one cell across a needle 0.8 mm deep stated 15 %, and its force was 33 % off.
+const TOUCHED_UP_TO_MM: f64 = 0.5;
+/// At least so many cells go across what touches. Found by experiment: one cell across a needle 0.8 mm deep stated 15 %, and its
+/// force was 33 % off.
 const CELLS_OF_TIP: f64 = 1.5;
+/// They need not be narrower than this for it, mm: finer ones are taken where an answer states too much.
 const NARROWEST_FOR_TIP_MM: f64 = 0.5;
 /// Power of the cell size with which the stated error falls (found by experiment: flat bodies with rounded edges).
 const ORDER: f64 = 1.5;
@@ -72,13 +73,14 @@ impl Resolution {
         let [hx, hy] = body.half_extent_mm();
         let short = (INCREMENT_OVER_RADIUS * hx.min(hy)).max(SHORTEST_MM);
         let longest = if self.sees_edges(body, size) { EDGED_INCREMENT_MM } else { LONGEST_INCREMENT_MM };
-        let cell_mm = match self.cell_mm <= NARROWEST_FOR_TIP_MM {
-            true => self.cell_mm,
-            false => {
-                let width_mm = tip_width_mm(body, CELLS_OF_TIP * self.cell_mm);
-                (width_mm / CELLS_OF_TIP).max(NARROWEST_FOR_TIP_MM)
+        let enough = CELLS_OF_TIP * self.cell_mm;
+        let mut cell_mm = self.cell_mm;
+        if cell_mm > NARROWEST_FOR_TIP_MM {
+            let width_mm = tip_width_mm(body, size, enough);
+            if width_mm < enough {
+                cell_mm = (width_mm / CELLS_OF_TIP).max(NARROWEST_FOR_TIP_MM);
             }
-        };
+        }
         Self { cell_mm, increment_mm: longest.min(short), ..self }
     }
 
@@ -91,7 +93,7 @@ impl Resolution {
         let height = |i: i32, j: i32| {
             body.lower_surface(f64::from(i) * cell, f64::from(j) * cell).unwrap_or(f64::INFINITY)
         };
-        let edged = |a: f64, b: f64, c: f64| b <= EDGES_UP_TO_MM && (a - 2.0 * b + c) / cell > EDGE_SLOPE;
+        let edged = |a: f64, b: f64, c: f64| b <= TOUCHED_UP_TO_MM && (a - 2.0 * b + c) / cell > EDGE_SLOPE;
         (-reach[1]..=reach[1]).any(|j| {
             (-reach[0]..=reach[0]).any(|i| {
                 let at = height(i, j);
@@ -127,14 +129,20 @@ impl Resolution {
     }
 }
 
-/// How wide the widest part of a body's underside is that the pad can touch, mm: of a ridge its width, not its length. At least
-/// `enough` is as good as any.
-fn tip_width_mm(body: &dyn Indenter, enough: f64) -> f64 {
+/// How wide the widest part of a body's underside is that a pad of `size` mm can touch, mm: of a ridge its width, not its length. At
+/// least `enough` is as good as any; a tip between the points looked at has none.
+fn tip_width_mm(body: &dyn Indenter, size: [f64; 3], enough: f64) -> f64 {
     const PITCH_MM: f64 = NARROWEST_FOR_TIP_MM / 4.0;
-    let [nx, ny] = body.half_extent_mm().map(|half| (half / PITCH_MM).ceil() as i32);
-    let touches = |i: i32, j: i32| {
+    let half = body.half_extent_mm();
+    let [nx, ny] = [0, 1].map(|a| (half[a].min(size[a] / 2.0) / PITCH_MM).ceil() as i32);
+    let points = (-ny..=ny).flat_map(|j| (-nx..=nx).map(move |i| (i, j)));
+    let underside = points.clone().map(|(i, j)| {
         let height = body.lower_surface(f64::from(i) * PITCH_MM, f64::from(j) * PITCH_MM);
-        height.is_some_and(|z| z <= EDGES_UP_TO_MM)
+        height.is_some_and(|z| z <= TOUCHED_UP_TO_MM)
+    });
+    let underside: Vec<bool> = underside.collect();
+    let touches = |i: i32, j: i32| {
+        i.abs() <= nx && j.abs() <= ny && underside[((j + ny) * (2 * nx + 1) + i + nx) as usize]
     };
     let longest = (enough / PITCH_MM).ceil() as i32;
     // From a point both ways along a row, a column or a diagonal, as long as it touches.
@@ -144,7 +152,7 @@ fn tip_width_mm(body: &dyn Indenter, enough: f64) -> f64 {
         (run(1) + run(-1) + 1) as f64 * PITCH_MM * f64::from(u * u + v * v).sqrt()
     };
     let mut widest = 0.0f64;
-    for (i, j) in (-ny..=ny).flat_map(|j| (-nx..=nx).map(move |i| (i, j))).filter(|&(i, j)| touches(i, j)) {
+    for (i, j) in points.filter(|&(i, j)| touches(i, j)) {
         let narrowest = |least: f64, way| if least <= widest { least } else { least.min(width(i, j, way)) };
         widest = widest.max([[1, 0], [0, 1], [1, 1], [1, -1]].into_iter().fold(enough, narrowest));
         if widest >= enough {

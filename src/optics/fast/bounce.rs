@@ -6,7 +6,8 @@
 //! the light that is there already, and where that changes much once or twice more; what follows is a small part of a small part.
 //! (Horizon-based indirect lighting, Bavoil and Sainz 2008, on a coarse raster.)
 //!
-//! The same horizons tell what each cell sends towards the walls; what they give back is the [`echo`](super::echo).
+//! The same horizons tell what each cell sends towards the walls; what they give back is the [`echo`](super::echo). What the picture
+//! does not show of the pad ([`Unseen`]) sends, too, and is seen by cells, but nobody asks what it gets.
 
 mod elevation;
 mod hidden;
@@ -22,7 +23,6 @@ use super::probes::{self, NUMBERS};
 use super::skyline;
 use super::tilt::Tilts;
 use super::traces;
-use super::unseen::Unseen;
 use glam::{Vec2, Vec3};
 use hidden::Hidden;
 use rayon::prelude::*;
@@ -80,6 +80,8 @@ pub const EMPTY: Cell = Cell { position: Vec3::ZERO, normal: Vec3::ZERO, area: 0
 pub struct Cells<'a> {
     /// Cells along x and y.
     pub size: [usize; 2],
+    /// The first of those rows, which show something.
+    pub rows: usize,
     /// Edge of a cell on the pad, mm.
     pub edge_mm: f32,
     /// Cells along the edge of one that sends towards walls.
@@ -92,7 +94,7 @@ pub struct Cells<'a> {
     pub tilts: &'a Tilts,
     /// Sums of the irradiance over the area of the surface, by picture.
     pub lights: &'a [Vec<Vec3>],
-    /// What is not seen and not as at the picture's border, and the irradiance there, by picture.
+    /// Unseen parts, and the irradiance there, by picture.
     pub unseen: &'a [Unseen],
     pub unseen_lights: &'a [Vec<Vec3>],
     /// Pixels of a full cell.
@@ -141,13 +143,14 @@ struct Means {
     stride: usize,
     /// Rows above the picture, and below it.
     beside: usize,
-    /// What beside the picture is not as at its border.
-    known: Vec<bool>,
+    /// Which cells beside the picture were taken from the mesh; empty where none was.
+    from_mesh: Vec<bool>,
     /// Minus infinity where nothing is.
     heights: Vec<f32>,
     places: [Vec<f32>; 2],
     normals: [Vec<f32>; 3],
-    /// As others see them: with what the camera does not.
+    /// As other cells see them: mixed with those of flanks that look away from the camera (from whichever side: of a ridge within one
+    /// cell both flanks are). Empty where there are none.
     shown_normals: [Vec<f32>; 3],
     /// By picture and colour: irradiance before any bounce, and as others see it.
     own: Vec<[Vec<f32>; 3]>,
@@ -168,7 +171,31 @@ struct Means {
 }
 
 /// Cells beside the picture: as far as is looked, and what stands high there.
-pub const MARGIN: usize = 108;
+const MARGIN: usize = 108;
+
+/// An unseen part of the pad: what is in a cell beside the picture, or what in one of the picture looks away from the camera.
+#[derive(Debug, Clone, Copy)]
+pub struct Unseen {
+    /// Which cell that is, counted from the picture's first.
+    pub at: [isize; 2],
+    pub position: Vec3,
+    /// Of length 1.
+    pub normal: Vec3,
+    pub is_flank: bool,
+    /// Of its surface, and of the level under it.
+    pub area_mm2: f32,
+    pub level_mm2: f32,
+}
+
+/// Cells on either side of the picture that are known, of so wide ones.
+pub fn beside(edge_mm: f32) -> usize {
+    ((BEYOND_MM / edge_mm).ceil() as usize).min(MARGIN / 2)
+}
+
+/// The cell of a picture of some size that is nearest to one beside it.
+pub fn nearest(size: [usize; 2], at: [isize; 2]) -> [usize; 2] {
+    [0, 1].map(|d| at[d].clamp(0, size[d] as isize - 1) as usize)
+}
 
 impl Cells<'_> {
     /// What a cell at the border of the picture stands for, in cells: what is beyond is taken to be as it is.
@@ -179,7 +206,8 @@ impl Cells<'_> {
         (0..2).fold(1.0, |cells, axis| {
             let beyond = |side: f32| (side / self.edge_mm - 0.5).clamp(0.0, BEYOND_MM / self.edge_mm);
             let first = if at[axis] == 0 { beyond(sides[axis][0]) } else { 0.0 };
-            let last = if at[axis] + 1 == self.size[axis] { beyond(sides[axis][1]) } else { 0.0 };
+            let last =
+                if at[axis] + 1 == [self.size[0], self.rows][axis] { beyond(sides[axis][1]) } else { 0.0 };
             cells * (1.0 + first + last)
         })
     }
@@ -187,17 +215,17 @@ impl Cells<'_> {
     fn means(&self, ground: &impl Fn(usize, Vec3) -> Vec3, rest: &impl Fn(Vec3) -> Vec3) -> Means {
         let [nx, ny] = self.size;
         let stride = nx.next_multiple_of(WIDTH) + 2 * MARGIN;
-        let beside = ((BEYOND_MM / self.edge_mm).ceil() as usize).min(MARGIN);
+        let beside = beside(self.edge_mm);
         let row = |value: f32| vec![value; stride * (ny + 2 * beside)];
         let of_flanks = || if self.tilts.lights.is_empty() { Vec::new() } else { row(0.0) };
         let mut means = Means {
             stride,
             beside,
-            known: vec![false; stride * (ny + 2 * beside)],
+            from_mesh: vec![false; if self.unseen.is_empty() { 0 } else { stride * (ny + 2 * beside) }],
             heights: row(f32::NEG_INFINITY),
             places: [row(0.0), row(0.0)],
             normals: [row(0.0), row(0.0), row(1.0)],
-            shown_normals: [row(0.0), row(0.0), row(1.0)],
+            shown_normals: [const { Vec::new() }; 3],
             own: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
             lights: Vec::new(),
             grounds: self.lights.iter().map(|_| [row(0.0), row(0.0), row(0.0)]).collect(),
@@ -243,7 +271,9 @@ impl Cells<'_> {
         }
         means.lights.clone_from(&means.own);
         means.tilts.clone_from(&means.own_tilts);
-        means.shown_normals.clone_from(&means.normals);
+        if !self.unseen.is_empty() {
+            means.shown_normals.clone_from(&means.normals);
+        }
         for (k, cell) in self.unseen_in_picture() {
             let (at, part) = (means.at(cell.at[0] as usize, cell.at[1] as usize), self.unseen_part(cell));
             for (own, of_cell) in means.shown_normals.iter_mut().zip(cell.normal.to_array()) {
@@ -257,37 +287,35 @@ impl Cells<'_> {
     }
 
     fn in_picture(&self, unseen: &Unseen) -> bool {
-        (0..2).all(|d| (0..self.size[d] as isize).contains(&unseen.at[d]))
+        nearest([self.size[0], self.rows], unseen.at).map(|n| n as isize) == unseen.at
     }
 
-    /// Of what is not seen that beside the picture.
+    /// The unseen cells beside the picture.
     fn unseen_beside(&self) -> impl Iterator<Item = (usize, &Unseen)> {
         self.unseen.iter().enumerate().filter(|(_, unseen)| !self.in_picture(unseen))
     }
 
-    /// Of what is not seen that in cells of the picture that show something.
+    /// The unseen parts of cells of the picture.
     fn unseen_in_picture(&self) -> impl Iterator<Item = (usize, &Unseen)> {
-        let shows = |at: [isize; 2]| self.cells[at[1] as usize * self.size[0] + at[0] as usize].count > 0.0;
-        let all = self.unseen.iter().enumerate();
-        all.filter(move |(_, unseen)| self.in_picture(unseen) && shows(unseen.at))
+        self.unseen.iter().enumerate().filter(|(_, unseen)| self.in_picture(unseen))
     }
 
     /// By cell: how many beside the picture would go on as it is, were they not known.
     fn known_beside(&self) -> Vec<f32> {
         let mut known = vec![0.0; self.cells.len()];
         for (_, cell) in self.unseen_beside() {
-            let [i, j] = [0, 1].map(|d| cell.at[d].clamp(0, self.size[d] as isize - 1) as usize);
+            let [i, j] = nearest([self.size[0], self.rows], cell.at);
             known[j * self.size[0] + i] += 1.0;
         }
         known
     }
 
-    /// What is known of the pad beside the picture.
+    /// Puts what is known of the pad beside the picture into its cells.
     fn put_beside(&self, means: &mut Means, ground: &impl Fn(usize, Vec3) -> Vec3) {
         for (k, cell) in self.unseen_beside() {
             let from = means.at(0, 0) as isize + cell.at[1] * means.stride as isize + cell.at[0];
             let at = from as usize;
-            means.known[at] = true;
+            means.from_mesh[at] = true;
             (means.places[0][at], means.places[1][at], means.heights[at]) = cell.position.into();
             for (c, of_cell) in cell.normal.to_array().into_iter().enumerate() {
                 (means.normals[c][at], means.shown_normals[c][at]) = (of_cell, of_cell);
@@ -305,14 +333,17 @@ impl Cells<'_> {
 
     /// Beside the picture the pad goes on as at its border, where nothing else is known.
     fn continue_beside(&self, means: &mut Means) {
-        let [nx, ny] = self.size.map(|n| n as isize);
+        let [nx, ny] = [self.size[0], self.rows].map(|n| n as isize);
         let (beside, [low, high]) = (means.beside as isize, self.extent);
         for j in -beside..ny + beside {
             for i in -beside..nx + beside {
                 let (from_i, from_j) = (i.clamp(0, nx - 1), j.clamp(0, ny - 1));
+                if (i, j) == (from_i, from_j) {
+                    continue;
+                }
                 let from = means.at(from_i as usize, from_j as usize);
                 let to = from.wrapping_add_signed((j - from_j) * means.stride as isize + i - from_i);
-                if to == from || means.known[to] {
+                if means.from_mesh.get(to).is_some_and(|known| *known) {
                     continue;
                 }
                 let z = means.heights[from];
@@ -330,7 +361,8 @@ impl Cells<'_> {
                 let colours = lights.iter_mut().chain(grounds).chain(tilts).flatten();
                 colours
                     .chain(normals.iter_mut().chain(shown_normals))
-                    .chain(Some(upright).filter(|u| !u.is_empty()))
+                    .chain(Some(upright))
+                    .filter(|numbers| !numbers.is_empty())
                     .for_each(|numbers| numbers[to] = numbers[from]);
             }
         }
@@ -500,8 +532,7 @@ impl Cells<'_> {
         let columns = self.size[0].div_ceil(self.sending);
         for (cell, of_films) in self.unseen.iter().zip(of_cells.iter().flat_map(|of| of.chunks_exact(films)))
         {
-            let [i, j] =
-                [0, 1].map(|d| cell.at[d].clamp(0, self.size[d] as isize - 1) as usize / self.sending);
+            let [i, j] = nearest([self.size[0], self.rows], cell.at).map(|n| n / self.sending);
             for (film, of_film) in of_films.iter().enumerate() {
                 let to = &mut sent[((j * columns + i) * films + film) * echo::DIRECTIONS..];
                 to.iter_mut().zip(of_film).for_each(|(to, more)| *to += *more);

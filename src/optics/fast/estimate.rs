@@ -103,7 +103,7 @@ const STEEP_ERROR: [f64; 2] = [0.01, 0.055];
 /// that is more. Light goes to and fro between them. (Parallel lines 0.5 and 1 mm deep are 0.49 and 0.90 % off.)
 const GROOVE_ERROR: f64 = 0.08;
 const RIMS_ERROR: f64 = 0.011;
-/// What a press adds that ends beyond the picture, for 1 mm all around: of flanks there light bounces once. (A slab of 14 mm, 1 mm
+/// What a press adds that ends beyond the picture, for 1 mm all around: light bounces only once off flanks there. (A slab of 14 mm, 1 mm
 /// deep, ends beyond the GelSight's view: 0.44 % off.)
 const BEYOND_ERROR: f64 = 0.008;
 /// What sharp rims add at least where bent horizons are not followed finely: a pin of 0.3 mm hardly counts among the flanks of a

@@ -200,7 +200,9 @@ impl Frame<'_> {
         }
         let cells = whole;
         let edge_mm = cell_px as f32 * self.once.pixel_mm;
-        let border = Border { size, cell_px, edge_mm, cells: &cells };
+        // (Rows beyond the picture's last are empty.)
+        let shown = cells.iter().rposition(|cell| cell.count > 0.0).map_or(1, |k| k / size[0] + 1);
+        let border = Border { size: [size[0], shown], cell_px, edge_mm, cells: &cells };
         let border_mm = border.uneven_mm(self.heights, |p| self.once.total.lift(p));
         let (mut bounced, mut echoed) = (vec![0.0; traces], vec![0.0; traces]);
         let mut glows: Vec<Vec<Vec3>> = Vec::new();
@@ -220,6 +222,7 @@ impl Frame<'_> {
             let unseen_lights = packing.pack(&unseen_lights);
             let cells = Cells {
                 size,
+                rows: shown,
                 edge_mm,
                 sending: finer * bounce::SENDING,
                 cells: &cells,

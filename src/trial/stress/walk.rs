@@ -351,14 +351,14 @@ fn slide(walk: &mut Walk<'_>, way_mm: f64, direction_deg: f64) -> Result<(), Err
     Ok(())
 }
 
-/// Most that a slide may pull, over the normal force, where the same pressure is on all that touches: friction along the face,
-/// the push of what stands in front, and friction there that lifts; what stands behind pushes nothing. Slowly sliding
-/// rigid cones plough as much (Bowden and Tabor 1950: (2 / pi) cot of the half angle, without friction).
+/// Most that a slide may pull, over the normal force, were the same pressure on all that touches: friction along the face and the
+/// push of what stands in front, where friction takes from the normal force; what stands behind pushes nothing forwards. (Of a
+/// cone of half angle a that touches all around (1 / pi) cot a without friction.)
 fn shear_of_ploughing(now: &ElastomerCapture, mu: f64, direction: [f64; 2]) -> f64 {
     let s = &now.surface;
     let at = |n: usize| s.positions[n].as_dvec3();
     let way = DVec3::new(direction[0], direction[1], 0.0);
-    let [mut along, mut up] = [0.0; 2];
+    let [mut along, mut up, mut level] = [0.0f64; 3];
     for corner in (1..s.ny).flat_map(|j| (1..s.nx).map(move |i| j * s.nx + i)) {
         let [a, b, c, d] = [corner - s.nx - 1, corner - s.nx, corner - 1, corner];
         if ![a, b, c, d].iter().any(|&n| now.contact[n]) {
@@ -369,8 +369,9 @@ fn shear_of_ploughing(now: &ElastomerCapture, mu: f64, direction: [f64; 2]) -> f
         let rubs = mu * area.length() * way.reject_from_normalized(normal).normalize_or_zero();
         along += rubs.dot(way) + (-area.dot(way)).max(0.0);
         up += area.z - rubs.z.max(0.0);
+        level += area.z;
     }
-    if up > 0.0 { along / up } else { 0.0 }
+    if level > 0.0 { along / up.max(0.5 * level) } else { 0.0 }
 }
 
 /// Whether a body is its own mirror image in x and in y.

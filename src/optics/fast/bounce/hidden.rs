@@ -1,13 +1,12 @@
-//! What of the pad that the camera does not see sends towards the walls.
+//! What unseen parts of the pad send towards the walls.
 
 use super::elevation::weight;
 use super::row::{Horizons, ahead};
 use super::sender::Sender;
-use super::{Cells, DIRECTIONS};
+use super::{Cells, DIRECTIONS, Unseen};
 use crate::optics::fast::echo;
 use crate::optics::fast::horizon::Stand;
 use crate::optics::fast::lanes::{Eight, Vectors, WIDTH, Work, lanes};
-use crate::optics::fast::unseen::Unseen;
 use glam::Vec3;
 use std::f32::consts::FRAC_PI_2;
 

@@ -158,6 +158,8 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
         let [mut x, mut y] = [0, 1].map(|c| Means::eight(&means.places[c], at));
         let nearest = Eight::all(NEAREST * self.cells.edge_mm);
         let [nx, ny, nz] = [0, 1, 2].map(|c| Means::eight(&means.normals[c], at));
+        let shown_normals =
+            if means.shown_normals[0].is_empty() { &means.normals } else { &means.shown_normals };
         if FLANKS && lowered {
             // Down the flank's plane.
             let by = Means::eight(&means.lower, at);
@@ -235,7 +237,7 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
                 }
                 // How much is seen of a step on what is there, and on what was there before: by how much its slope is above
                 // the line of sight.
-                let normal = |c: usize| Means::eight(&means.shown_normals[c], k);
+                let normal = |c: usize| Means::eight(&shown_normals[c], k);
                 let toward =
                     -(normal(0) * dx + normal(1) * dy + normal(2) * dz).over(away * normal(2).max(least));
                 let hides = toward.below(least);

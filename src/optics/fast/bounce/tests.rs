@@ -16,6 +16,7 @@ fn white<'a>(
     let flanks = &[false; 1 << 13][..cells.len()];
     Cells {
         size,
+        rows: size[1],
         edge_mm,
         sending: super::SENDING,
         cells,
