@@ -105,7 +105,7 @@ const GROOVE_ERROR: f64 = 0.08;
 const RIMS_ERROR: f64 = 0.011;
 /// What a press adds that ends beyond the picture, for 1 mm all around: light bounces only once off flanks there. (A slab of 14 mm, 1 mm
 /// deep, ends beyond the GelSight's view: 0.44 % off.)
-const BEYOND_ERROR: f64 = 0.008;
+const BEYOND_ERROR: f64 = 0.004;
 /// What sharp rims add at least where bent horizons are not followed finely: a pin of 0.3 mm hardly counts among the flanks of a
 /// face, and throws a shadow across it that is off by 0.6 to 0.8 % of the picture.
 const RIM_ERROR: f64 = 0.0075;
