@@ -130,7 +130,7 @@ impl Resolution {
 }
 
 /// How wide the widest part of a body's underside is that a pad of `size` mm can touch, mm: of a ridge its width, not its length. At
-/// least `enough` is as good as any; a tip between the points looked at has none.
+/// least `enough` is as good as any, and is taken where none of the points looked at finds an underside.
 fn tip_width_mm(body: &dyn Indenter, size: [f64; 3], enough: f64) -> f64 {
     const PITCH_MM: f64 = NARROWEST_FOR_TIP_MM / 4.0;
     let half = body.half_extent_mm();
@@ -159,7 +159,7 @@ fn tip_width_mm(body: &dyn Indenter, size: [f64; 3], enough: f64) -> f64 {
             break;
         }
     }
-    widest
+    if widest > 0.0 { widest } else { enough }
 }
 
 #[cfg(test)]
