@@ -3,6 +3,7 @@
 //! Elevations are slopes over the level; a weight is the integral of both cosines up to one.
 
 use crate::optics::fast::lanes::{Eight, Mask};
+use std::f32::consts::FRAC_PI_2;
 
 /// What rises from one slope and its weight to another hides of what is above the level, from one weight to another, and how
 /// much of what is below.
@@ -37,4 +38,14 @@ pub fn mean_slope([from, low]: [Eight; 2], [to, high]: [Eight; 2], [along, up]: 
 pub fn weight(slope: Eight, along: Eight, up: Eight) -> Eight {
     let cos2 = Eight::all(1.0).over(Eight::all(1.0) + slope * slope);
     (along * (slope.atan() + slope * cos2) + up * slope * slope * cos2) * Eight::all(0.5)
+}
+
+/// The slope below which a surface's own plane hides everything, and its weight, for normals as in [`weight`]. An upright one hides
+/// nothing.
+#[inline(always)]
+pub fn own_plane(along: Eight, up: Eight) -> [Eight; 2] {
+    let upright = Eight::all(1e-3).below(up);
+    let slope = upright.choose((-along).over(up), Eight::all(f32::NEG_INFINITY));
+    let of_all = (up - along * Eight::all(FRAC_PI_2)) * Eight::all(0.5);
+    [slope, upright.choose(weight(slope, along, up), of_all)]
 }

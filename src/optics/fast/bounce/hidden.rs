@@ -1,6 +1,6 @@
 //! What unseen parts of the pad send towards the walls.
 
-use super::elevation::weight;
+use super::elevation::{own_plane, weight};
 use super::row::{Horizons, ahead};
 use super::sender::Sender;
 use super::{Cells, DIRECTIONS, Unseen};
@@ -8,7 +8,9 @@ use crate::optics::fast::echo;
 use crate::optics::fast::horizon::Stand;
 use crate::optics::fast::lanes::{Eight, Vectors, WIDTH, Work, lanes};
 use glam::Vec3;
-use std::f32::consts::FRAC_PI_2;
+
+/// Horizons are followed from here upwards, as a slope.
+const LOWEST: f32 = -10.0;
 
 /// Up to eight of those cells, the first of which is cell `first` of all.
 pub struct Hidden<'a, G, N> {
@@ -65,10 +67,7 @@ fn horizon_of<'a>(
 ) -> [Eight; 2] {
     let ahead = ahead(direction);
     let along = normal.x * Eight::all(ahead.x) + normal.y * Eight::all(ahead.y);
-    let upright = Eight::all(1e-3).below(normal.z);
-    let plane = upright.choose((-along).over(normal.z), Eight::all(f32::NEG_INFINITY));
-    let own = upright
-        .choose(weight(plane, along, normal.z), (normal.z - along * Eight::all(FRAC_PI_2)) * Eight::all(0.5));
+    let [plane, own] = own_plane(along, normal.z);
     let highest = Eight(lanes!(k => {
         let cell = of(k);
         let from = Stand::on(cell.position, cell.normal);
@@ -77,9 +76,6 @@ fn horizon_of<'a>(
     let risen = (plane.max(Eight::all(LOWEST)) + Eight::all(1e-4)).below(highest);
     [risen.choose(highest, plane), risen.choose(weight(highest, along, normal.z), own)]
 }
-
-/// Horizons are followed from here upwards, as a slope.
-const LOWEST: f32 = -10.0;
 
 #[inline(always)]
 fn vectors(of: &[Vec3; WIDTH]) -> Vectors {

@@ -1,6 +1,6 @@
 //! A row of cells: from eight at once the pad's profile is followed in all directions.
 
-use super::elevation::{mean_slope, shares, weight};
+use super::elevation::{mean_slope, own_plane, shares, weight};
 use super::sender::Sender;
 use super::{Cells, DIRECTIONS, MARGIN, MOST, Means, SENDING};
 use crate::optics::fast::echo::{self, RISES, SLOPES};
@@ -8,7 +8,7 @@ use crate::optics::fast::lanes::{Eight, Mask, Vectors, WIDTH, Work, with_widest}
 use crate::optics::fast::lookout::Lookout;
 use crate::optics::fast::skyline;
 use glam::{Vec2, Vec3};
-use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, TAU};
+use std::f32::consts::{FRAC_1_PI, TAU};
 
 /// Distances looked at, in cells.
 const DISTANCES: [f32; 32] = [
@@ -187,10 +187,7 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
             let ahead = ahead(direction);
             let along = nx * Eight::all(ahead.x) + ny * Eight::all(ahead.y);
             // Elevations as slopes. Below the surface's own plane nothing arrives.
-            let upright = Eight::all(1e-3).below(nz);
-            let mut before = upright.choose((-along).over(nz), Eight::all(f32::NEG_INFINITY));
-            let mut below = upright
-                .choose(weight(before, along, nz), (nz - along * Eight::all(FRAC_PI_2)) * Eight::all(0.5));
+            let [mut before, mut below] = own_plane(along, nz);
             let borders: [Eight; echo::RISES - 1] =
                 std::array::from_fn(|k| weight(Eight::all(SLOPES[k + 1]), along, nz));
             // Where the step before showed something, what shows next lies between the two; first of all the cell itself.
