@@ -309,6 +309,23 @@ mod at_a_terminal {
         }
     }
 
+    /// The virtual bench with controllers that home ten times as fast as the recorded ones: what is looked at comes after that.
+    /// Returns its rig file, beside which they lie.
+    fn bench_that_homes_fast(folder: &Path) -> String {
+        let faster = |protocol: &str, slow: &str, fast: &str| {
+            let name = format!("firmware_protocols/{protocol}.toml");
+            let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(&name)).unwrap();
+            assert!(text.contains(slow), "{name} has no {slow:?}");
+            std::fs::write(folder.join(name), text.replace(slow, fast)).unwrap();
+        };
+        std::fs::create_dir(folder.join("firmware_protocols")).unwrap();
+        faster("marlin", "Z = 4.0 }", "Z = 40.0 }");
+        faster("grbl", r#""24=25.000", "25=500.000""#, r#""24=2500.000", "25=5000.000""#);
+        let rig = folder.join("virtual.toml");
+        std::fs::copy(Path::new(env!("CARGO_MANIFEST_DIR")).join(VIRTUAL), &rig).unwrap();
+        rig.to_str().unwrap().to_owned()
+    }
+
     const LEFT: &str = "\x1b[D";
     const LEFT_REPEATS: &str = "\x1b[1;1:2D";
     const LEFT_LET_GO: &str = "\x1b[1;1:3D";
@@ -316,12 +333,13 @@ mod at_a_terminal {
     #[test]
     fn keys_move_the_bench_in_steps_and_for_as_long_as_they_are_held() {
         let folder = tempfile::tempdir().unwrap();
-        let mut jog = twinrig(folder.path(), &["jog", VIRTUAL, "--feed", "4"]);
+        let rig = bench_that_homes_fast(folder.path());
+        let mut jog = twinrig(folder.path(), &["jog", &rig, "--feed", "4"]);
         // The log has much to say, and the display is not to be written over.
         jog.env("TWINRIG_LOG", "trace");
         let mut hands = Hands::on(jog, Tells::Everything);
         let x = || {
-            let found = session(folder.path(), VIRTUAL).expect("it runs");
+            let found = session(folder.path(), &rig).expect("it runs");
             found["pose"]["x_mm"].as_f64().expect("a position")
         };
         hands.wait_for("not homed: press h");
@@ -378,7 +396,7 @@ mod at_a_terminal {
 
     /// Hands at a bench that has been homed, and where its logs are.
     fn at_a_homed_bench(folder: &Path, tells: Tells) -> Hands {
-        let mut jog = twinrig(folder, &["jog", VIRTUAL, "--feed", "4"]);
+        let mut jog = twinrig(folder, &["jog", &bench_that_homes_fast(folder), "--feed", "4"]);
         jog.env("TWINRIG_LOGS", folder.join("logs"));
         let mut hands = Hands::on(jog, tells);
         hands.wait_for("not homed: press h");

@@ -134,12 +134,13 @@ impl Node {
     /// Reads a TOML document; all syntax errors at once.
     pub fn parse(text: &str) -> Result<Node, Vec<SyntaxError>> {
         let (table, errors) = DeTable::parse_recoverable(text);
+        let lines = Lines::of_text(text);
         if !errors.is_empty() {
-            let at = |e: &toml::de::Error| line_of(text, e.span().map_or(0, |s| s.start));
+            let at = |e: &toml::de::Error| lines.of(e.span().map_or(0, |s| s.start));
             let errors = errors.iter().map(|e| SyntaxError { line: at(e), message: e.message().to_owned() });
             return Err(errors.collect());
         }
-        let table = Value::Table(entries(table.get_ref(), text));
+        let table = Value::Table(entries(table.get_ref(), &lines));
         Ok(Node { value: table, origin: Origin::Line(1) })
     }
 
@@ -148,7 +149,7 @@ impl Node {
         let value = value.trim();
         let bare = |c: char| c.is_alphanumeric() || "_-./: ".contains(c);
         let read = match (DeValue::parse(value), number(value)) {
-            (Ok(parsed), _) => convert(parsed.get_ref(), value),
+            (Ok(parsed), _) => convert(parsed.get_ref(), &Lines::of_text(value)),
             (Err(_), Some(number)) => Value::Float(number),
             (Err(_), None) if !value.is_empty() && value.chars().all(bare) => Value::String(value.to_owned()),
             (Err(error), None) => return Err(error.message().to_owned()),
@@ -255,12 +256,12 @@ impl fmt::Display for Node {
     }
 }
 
-fn entries(table: &DeTable<'_>, text: &str) -> Vec<(String, Node)> {
+fn entries(table: &DeTable<'_>, lines: &Lines) -> Vec<(String, Node)> {
     table
         .iter()
         .map(|(key, value)| {
-            let origin = Origin::Line(line_of(text, key.span().start));
-            (key.get_ref().to_string(), Node { value: convert(value.get_ref(), text), origin })
+            let origin = Origin::Line(lines.of(key.span().start));
+            (key.get_ref().to_string(), Node { value: convert(value.get_ref(), lines), origin })
         })
         .collect()
 }
@@ -271,7 +272,7 @@ fn number(text: &str) -> Option<f64> {
     text.parse().ok().filter(|number: &f64| digits && number.is_finite())
 }
 
-fn convert(value: &DeValue<'_>, text: &str) -> Value {
+fn convert(value: &DeValue<'_>, lines: &Lines) -> Value {
     match value {
         DeValue::String(s) => Value::String(s.to_string()),
         DeValue::Integer(i) => match i64::from_str_radix(i.as_str(), i.radix()) {
@@ -286,17 +287,27 @@ fn convert(value: &DeValue<'_>, text: &str) -> Value {
             items
                 .iter()
                 .map(|item| Node {
-                    value: convert(item.get_ref(), text),
-                    origin: Origin::Line(line_of(text, item.span().start)),
+                    value: convert(item.get_ref(), lines),
+                    origin: Origin::Line(lines.of(item.span().start)),
                 })
                 .collect(),
         ),
-        DeValue::Table(table) => Value::Table(entries(table, text)),
+        DeValue::Table(table) => Value::Table(entries(table, lines)),
     }
 }
 
-fn line_of(text: &str, offset: usize) -> usize {
-    text.as_bytes()[..offset.min(text.len())].iter().filter(|b| **b == b'\n').count() + 1
+/// Where the lines of a text end, in bytes.
+struct Lines(Vec<usize>);
+
+impl Lines {
+    fn of_text(text: &str) -> Self {
+        Self(text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(at, _)| at).collect())
+    }
+
+    /// The line of the byte at `offset`, from 1.
+    fn of(&self, offset: usize) -> usize {
+        self.0.partition_point(|end| *end < offset) + 1
+    }
 }
 
 #[cfg(test)]
