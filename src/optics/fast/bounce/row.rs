@@ -56,6 +56,47 @@ pub enum Pass<'a> {
     All { sent: &'a mut [Vec3] },
 }
 
+/// The distances looked at, one after the other, in cells: where little rises with gaps between them, which a narrow flank fits
+/// into.
+struct Walk<'a> {
+    distances: &'a [f32],
+    /// The last one, and the one before.
+    at: f32,
+    before: f32,
+    /// Up to here there are no gaps.
+    closely: f32,
+}
+
+impl<'a> Walk<'a> {
+    fn over(distances: &'a [f32]) -> Self {
+        Self { distances, at: 0.0, before: 0.0, closely: 0.0 }
+    }
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<f32> {
+        self.before = self.at;
+        if self.at < self.closely {
+            self.at = (self.at + 1.0).min(self.closely);
+        } else {
+            let (first, rest) = self.distances.split_first()?;
+            (self.at, self.distances) = (*first, rest);
+        }
+        Some(self.at)
+    }
+
+    /// Whether there is a gap before the last one.
+    #[inline(always)]
+    fn leapt(&self) -> bool {
+        self.at - self.before > 1.0
+    }
+
+    /// Goes back to look at what is in it.
+    #[inline(always)]
+    fn go_back(&mut self) {
+        (self.closely, self.at) = (self.at, self.before);
+    }
+}
+
 /// A row of a pad with or without flanks: what only they need costs others nothing.
 struct OfPad<'a, S, const FLANKS: bool>(Row<'a, S>);
 
@@ -196,7 +237,8 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
             let (mut steep, mut seen) = (zero, zero);
             let back = self.neighbour(lookout.cells_to(ahead * self.cells.edge_mm, stands.z)).unwrap_or(0);
             let mut height = stands.z;
-            for &distance in distances {
+            let mut walk = Walk::over(distances);
+            while let Some(distance) = walk.next() {
                 let ahead_mm = ahead * (distance * self.cells.edge_mm);
                 // How high it is there is known when it is found: the second look is at the right place.
                 let Some(first) = self.neighbour(lookout.cells_to(ahead_mm, height)) else { break };
@@ -226,18 +268,23 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
                     shown = None;
                     continue;
                 }
-                let now = weight(rise, along, nz);
-                let (hidden, of_ground) = shares([before, below], [rise, now], risen);
-                let of_sky = hidden[1] - hidden[0];
-                if skies.is_empty() {
-                    self.gather(at, lanes, skies);
-                }
                 // How much is seen of a step on what is there, and on what was there before: by how much its slope is above
                 // the line of sight.
                 let normal = |c: usize| Means::eight(&shown_normals[c], k);
                 let toward =
                     -(normal(0) * dx + normal(1) * dy + normal(2) * dz).over(away * normal(2).max(least));
                 let hides = toward.below(least);
+                // (A step whose top is not seen: what rises to it lies in between.)
+                if risen.and(hides).any() && walk.leapt() {
+                    walk.go_back();
+                    continue;
+                }
+                let now = weight(rise, along, nz);
+                let (hidden, of_ground) = shares([before, below], [rise, now], risen);
+                let of_sky = hidden[1] - hidden[0];
+                if skies.is_empty() {
+                    self.gather(at, lanes, skies);
+                }
                 if shown.is_some_and(|(nearer, _)| nearer == at) {
                     // Of the cell itself half is in that where both planes meet halfway, and nothing where they meet at an end.
                     let own = (nx * dx + ny * dy + nz * dz).over(away * nz.max(least)).max(least);

@@ -122,6 +122,30 @@ fn a_step_lights_its_foot_by_its_form_factor() {
     }
 }
 
+/// What is far from a wall looks over cells in between, and sees the wall all the same, not the plateau behind it.
+#[test]
+fn from_afar_a_wall_is_seen_and_not_what_is_behind_it() {
+    let edge_x = 0.06;
+    let ([nx, ny], edge, cells) = step(edge_x);
+    let extent = [Vec2::splat(-10.125), Vec2::splat(10.125)];
+    let pad = heights(extent, |p| f32::from(u8::from(p.x > edge_x)));
+    let foot = cells.iter().position(|c| c.position.z > 0.0).unwrap();
+    let light = |c: &Cell| Vec3::splat(if c.position.z == 1.0 { 1e-3 } else { c.area });
+    let lights = [cells.iter().map(light).collect()];
+    let all = white([nx, ny], edge, &cells, &lights, &pad, extent);
+    let dark = || Untouched { sky: |_, _| [0.0; skyline::NUMBERS], ground: |_, _| Vec3::ZERO };
+    for closely in [true, false] {
+        let gains = Cells { closely, ..all }.changes(dark(), |_| Vec3::Z).gains;
+        // (From farther away the wall ends in view.)
+        for i in (2..=20).map(|away| foot - away) {
+            let d = edge_x - cells[40 * nx + i].position.x;
+            let truth = 0.5 * (1.0 - d / d.hypot(1.0));
+            let found = gains[0][40 * nx + i].x - 1.0;
+            assert!((found / truth - 1.0).abs() < 0.1, "{closely} {d}: {found} {truth}");
+        }
+    }
+}
+
 /// What is at the foot of a wall sees its lowest part most, and nothing of itself in it.
 #[test]
 fn a_foot_sees_the_low_part_of_a_flank() {
