@@ -309,8 +309,8 @@ mod at_a_terminal {
         }
     }
 
-    /// The virtual bench with controllers that home ten times as fast as the recorded ones: what is looked at comes after that.
-    /// Returns its rig file, beside which they lie.
+    /// The rig file of a virtual bench whose controllers home faster than the recorded ones, by protocol files beside it: homing is
+    /// none of what is looked at.
     fn bench_that_homes_fast(folder: &Path) -> String {
         let faster = |protocol: &str, slow: &str, fast: &str| {
             let name = format!("firmware_protocols/{protocol}.toml");

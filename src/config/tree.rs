@@ -136,7 +136,7 @@ impl Node {
         let (table, errors) = DeTable::parse_recoverable(text);
         let lines = Lines::of_text(text);
         if !errors.is_empty() {
-            let at = |e: &toml::de::Error| lines.of(e.span().map_or(0, |s| s.start));
+            let at = |e: &toml::de::Error| lines.line_at(e.span().map_or(0, |s| s.start));
             let errors = errors.iter().map(|e| SyntaxError { line: at(e), message: e.message().to_owned() });
             return Err(errors.collect());
         }
@@ -260,7 +260,7 @@ fn entries(table: &DeTable<'_>, lines: &Lines) -> Vec<(String, Node)> {
     table
         .iter()
         .map(|(key, value)| {
-            let origin = Origin::Line(lines.of(key.span().start));
+            let origin = Origin::Line(lines.line_at(key.span().start));
             (key.get_ref().to_string(), Node { value: convert(value.get_ref(), lines), origin })
         })
         .collect()
@@ -288,7 +288,7 @@ fn convert(value: &DeValue<'_>, lines: &Lines) -> Value {
                 .iter()
                 .map(|item| Node {
                     value: convert(item.get_ref(), lines),
-                    origin: Origin::Line(lines.of(item.span().start)),
+                    origin: Origin::Line(lines.line_at(item.span().start)),
                 })
                 .collect(),
         ),
@@ -305,7 +305,7 @@ impl Lines {
     }
 
     /// The line of the byte at `offset`, from 1.
-    fn of(&self, offset: usize) -> usize {
+    fn line_at(&self, offset: usize) -> usize {
         self.0.partition_point(|end| *end < offset) + 1
     }
 }

@@ -56,27 +56,25 @@ pub enum Pass<'a> {
     All { sent: &'a mut [Vec3] },
 }
 
-/// The distances looked at, one after the other, in cells: where little rises with gaps between them, which a narrow flank fits
-/// into.
+/// The distances looked at, one after the other, in cells. Far ones have gaps between them, into which a narrow flank fits.
 struct Walk<'a> {
     distances: &'a [f32],
-    /// The last one, and the one before.
     at: f32,
-    before: f32,
-    /// Up to here there are no gaps.
-    closely: f32,
+    last: f32,
+    /// Up to here every cell is looked at.
+    no_gap_until: f32,
 }
 
 impl<'a> Walk<'a> {
     fn over(distances: &'a [f32]) -> Self {
-        Self { distances, at: 0.0, before: 0.0, closely: 0.0 }
+        Self { distances, at: 0.0, last: 0.0, no_gap_until: 0.0 }
     }
 
     #[inline(always)]
     fn next(&mut self) -> Option<f32> {
-        self.before = self.at;
-        if self.at < self.closely {
-            self.at = (self.at + 1.0).min(self.closely);
+        self.last = self.at;
+        if self.at < self.no_gap_until {
+            self.at = (self.at + 1.0).min(self.no_gap_until);
         } else {
             let (first, rest) = self.distances.split_first()?;
             (self.at, self.distances) = (*first, rest);
@@ -84,16 +82,16 @@ impl<'a> Walk<'a> {
         Some(self.at)
     }
 
-    /// Whether there is a gap before the last one.
+    /// Whether there is a gap before this one.
     #[inline(always)]
     fn leapt(&self) -> bool {
-        self.at - self.before > 1.0
+        self.at - self.last > 1.0
     }
 
-    /// Goes back to look at what is in it.
+    /// Goes back to look at every cell of the gap.
     #[inline(always)]
     fn go_back(&mut self) {
-        (self.closely, self.at) = (self.at, self.before);
+        (self.no_gap_until, self.at) = (self.at, self.last);
     }
 }
 
@@ -240,6 +238,7 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
             let mut walk = Walk::over(distances);
             while let Some(distance) = walk.next() {
                 let ahead_mm = ahead * (distance * self.cells.edge_mm);
+                let last_height = height;
                 // How high it is there is known when it is found: the second look is at the right place.
                 let Some(first) = self.neighbour(lookout.cells_to(ahead_mm, height)) else { break };
                 let there = means.heights[(at + middle).wrapping_add_signed(first)];
@@ -274,9 +273,10 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
                 let toward =
                     -(normal(0) * dx + normal(1) * dy + normal(2) * dz).over(away * normal(2).max(least));
                 let hides = toward.below(least);
-                // (A step whose top is not seen: what rises to it lies in between.)
-                if risen.and(hides).any() && walk.leapt() {
+                // (Of a step whose top is not seen, what rises to it lies in between.)
+                if walk.leapt() && risen.and(hides).any() {
                     walk.go_back();
+                    height = last_height;
                     continue;
                 }
                 let now = weight(rise, along, nz);

@@ -122,7 +122,7 @@ fn a_step_lights_its_foot_by_its_form_factor() {
     }
 }
 
-/// What is far from a wall looks over cells in between, and sees the wall all the same, not the plateau behind it.
+/// What is far from a wall passes over cells, and sees the wall all the same, not the plateau behind it.
 #[test]
 fn from_afar_a_wall_is_seen_and_not_what_is_behind_it() {
     let edge_x = 0.06;
@@ -136,7 +136,7 @@ fn from_afar_a_wall_is_seen_and_not_what_is_behind_it() {
     let dark = || Untouched { sky: |_, _| [0.0; skyline::NUMBERS], ground: |_, _| Vec3::ZERO };
     for closely in [true, false] {
         let gains = Cells { closely, ..all }.changes(dark(), |_| Vec3::Z).gains;
-        // (From farther away the wall ends in view.)
+        // (From farther away the ends of the wall are in view.)
         for i in (2..=20).map(|away| foot - away) {
             let d = edge_x - cells[40 * nx + i].position.x;
             let truth = 0.5 * (1.0 - d / d.hypot(1.0));
