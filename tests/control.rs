@@ -309,8 +309,8 @@ mod at_a_terminal {
         }
     }
 
-    /// The rig file of a virtual bench whose controllers home faster than the recorded ones, by protocol files beside it: homing is
-    /// none of what is looked at.
+    /// The rig file of a virtual bench whose controllers home faster than the recorded ones, by protocol files beside it: how
+    /// long that takes is none of what is looked at.
     fn bench_that_homes_fast(folder: &Path) -> String {
         let faster = |protocol: &str, slow: &str, fast: &str| {
             let name = format!("firmware_protocols/{protocol}.toml");

@@ -13,6 +13,7 @@ mod elevation;
 mod hidden;
 mod row;
 mod sender;
+mod walk;
 
 use super::echo::{self, Echo};
 use super::grid::Grid;

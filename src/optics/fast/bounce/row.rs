@@ -2,6 +2,7 @@
 
 use super::elevation::{mean_slope, own_plane, shares, weight};
 use super::sender::Sender;
+use super::walk::{Walk, distances};
 use super::{Cells, DIRECTIONS, MARGIN, MOST, Means, SENDING};
 use crate::optics::fast::echo::{self, RISES, SLOPES};
 use crate::optics::fast::lanes::{Eight, Mask, Vectors, WIDTH, Work, with_widest};
@@ -10,15 +11,6 @@ use crate::optics::fast::skyline;
 use glam::{Vec2, Vec3};
 use std::f32::consts::{FRAC_1_PI, TAU};
 
-/// Distances looked at, in cells.
-const DISTANCES: [f32; 32] = [
-    1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.5, 16.0, 17.5, 19.0, 21.0, 23.0,
-    25.0, 28.0, 31.0, 35.0, 39.0, 44.0, 50.0, 56.0, 62.0, 69.0, 77.0, 86.0, 96.0,
-];
-/// So far, in cells that are as large as they may be; of the finest ones as far as there are distances.
-const REACH: f32 = 44.0;
-/// The same where little will do.
-const FEW_DISTANCES: [f32; 12] = [1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.5, 14.0, 19.0, 25.0, 33.0, 44.0];
 /// Ground this even, up to the farthest distance, needs no look: a slope.
 const EVEN: f32 = 4e-3;
 /// Cells that see nothing of the pad are taken to be this high, mm.
@@ -54,45 +46,6 @@ pub enum Pass<'a> {
     Flanks,
     /// All, and what they send towards walls.
     All { sent: &'a mut [Vec3] },
-}
-
-/// The distances looked at, one after the other, in cells. Far ones have gaps between them, into which a narrow flank fits.
-struct Walk<'a> {
-    distances: &'a [f32],
-    at: f32,
-    last: f32,
-    /// Up to here every cell is looked at.
-    no_gap_until: f32,
-}
-
-impl<'a> Walk<'a> {
-    fn over(distances: &'a [f32]) -> Self {
-        Self { distances, at: 0.0, last: 0.0, no_gap_until: 0.0 }
-    }
-
-    #[inline(always)]
-    fn next(&mut self) -> Option<f32> {
-        self.last = self.at;
-        if self.at < self.no_gap_until {
-            self.at = (self.at + 1.0).min(self.no_gap_until);
-        } else {
-            let (first, rest) = self.distances.split_first()?;
-            (self.at, self.distances) = (*first, rest);
-        }
-        Some(self.at)
-    }
-
-    /// Whether there is a gap before this one.
-    #[inline(always)]
-    fn leapt(&self) -> bool {
-        self.at - self.last > 1.0
-    }
-
-    /// Goes back to look at every cell of the gap.
-    #[inline(always)]
-    fn go_back(&mut self) {
-        (self.no_gap_until, self.at) = (self.at, self.last);
-    }
 }
 
 /// A row of a pad with or without flanks: what only they need costs others nothing.
@@ -210,11 +163,7 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
         let [plane_x, plane_y] = [nx, ny].map(|n| flat.choose((-n).over(nz), zero));
         let is_steep = nz.below(Eight::all(STEEP)).any();
         let reflected = self.cells.albedo * FRAC_1_PI;
-        let reach = REACH * (self.cells.sending / SENDING) as f32;
-        let distances: &[f32] = match self.cells.closely {
-            true => &DISTANCES[..DISTANCES.partition_point(|distance| *distance <= reach)],
-            false => &FEW_DISTANCES,
-        };
+        let distances = distances(self.cells.closely, self.cells.sending / SENDING);
         let farthest = distances[distances.len() - 1] * self.cells.edge_mm;
         // By picture: what was seen last, the untouched ground there, and by how much the first changes with the slope under which
         // it is seen.
@@ -236,7 +185,7 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
             let back = self.neighbour(lookout.cells_to(ahead * self.cells.edge_mm, stands.z)).unwrap_or(0);
             let mut height = stands.z;
             let mut walk = Walk::over(distances);
-            while let Some(distance) = walk.next() {
+            while let Some(distance) = walk.step() {
                 let ahead_mm = ahead * (distance * self.cells.edge_mm);
                 let last_height = height;
                 // How high it is there is known when it is found: the second look is at the right place.
