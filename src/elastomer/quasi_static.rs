@@ -26,6 +26,7 @@ pub mod bridge;
 pub mod cascade;
 pub mod chart;
 pub mod cholesky;
+mod coated;
 mod compliance;
 pub mod contact;
 mod fold;
@@ -224,7 +225,8 @@ impl QuasiStaticSolver {
         let Some(times) = relief::finer(spacing, cell_mm) else {
             return level.capture(indenter, nx, ny);
         };
-        // (A coating shears by itself, and errors of coated pads have not been compared.)
+        // (Under a coating the layer does not answer linearly as far as that: with skins of 0.1 to 0.5 mm, five times as stiff and as
+        // soft as the pad, the relief presses by up to 1.8 and 7 % too little, the splines are within 1.3 % (a cone 4 %).)
         let (plain, tells) = (self.pad.coating.is_none(), level.relief_tells(indenter));
         let grip = level.grip().filter(|_| plain && tells);
         let [mx, my] = grip.as_ref().map_or(times, |grip| relief::finer_to_hold(grip, [nx, ny], times));
@@ -246,7 +248,7 @@ impl QuasiStaticSolver {
             shape.face_height_mm([size[0], size[1]], [x, y])
         });
         let relieved = relief.is_some();
-        if let Some(relief) = relief.filter(|_| tells) {
+        if let Some(relief) = relief.filter(|_| plain && tells) {
             let part = relief.force_n / splined.force_n;
             let more = level.trust_in_grip();
             capture.forces = capture.forces.times(part);
@@ -257,7 +259,7 @@ impl QuasiStaticSolver {
             capture.stats.base_reaction_n *= part;
             capture.stats.elastic_energy_n_mm *= part;
             let in_relief = level.error_in_relief(indenter, relief.misfit_mm);
-            let splined = capture.stats.estimated_error.filter(|stated| plain && *stated <= OF_USE);
+            let splined = capture.stats.estimated_error.filter(|stated| *stated <= OF_USE);
             if let (Some(splined), Some(in_relief)) = (splined, in_relief) {
                 let in_relief = in_relief.max(relief::LEAST_TO_SPLINES * splined);
                 capture.stats.estimated_error = Some(splined.min(in_relief));

@@ -1,6 +1,7 @@
 //! How far the face of a bonded layer gives way under a pressure on it, wave by wave.
 
 use super::body::Body;
+use super::coated::{Layer, of_coated};
 use super::transforms::Transforms;
 use rayon::prelude::*;
 use twinrig_fourier::Complex;
@@ -14,10 +15,6 @@ pub(super) const SHALLOW: f64 = 1e-2;
 /// s apart. Without it a punch that ends half-way between two points is too small by a quarter of s on every side, with it by
 /// nothing (found by experiment: squares of 41 and 123 points).
 const EDGE: f64 = 0.35;
-/// How fast a coating takes over from the bulk as waves become shorter: the part of the bulk falls as
-/// exp(-2 `TAKES_OVER` k t) (after King 1987, "Elastic analysis of some punch problems for a layered medium", whose weights
-/// for punches of size 1/k these follow).
-const TAKES_OVER: f64 = 0.65;
 
 /// Pressures on a lattice to the displacements of the same points; nothing presses beside it.
 pub struct Compliance {
@@ -73,14 +70,21 @@ impl Compliance {
             (0..n).map(wave).collect::<Vec<_>>()
         });
         let material = &body.material;
-        let per_mpa = |k: f64| {
-            let bulk =
-                of_layer(k, material.youngs_modulus_mpa, material.poisson_ratio, body.size_mm[2], -1.0);
-            body.coating.as_ref().map_or(bulk, |c| {
-                let coated = of_layer(k, c.youngs_modulus_mpa, c.poisson_ratio, body.size_mm[2], -1.0);
-                let part = (-2.0 * TAKES_OVER * k * c.thickness_mm).exp();
-                part * bulk + (1.0 - part) * coated
-            })
+        let whole = |thickness_mm: f64| Layer {
+            youngs_modulus_mpa: material.youngs_modulus_mpa,
+            poisson_ratio: material.poisson_ratio,
+            thickness_mm,
+        };
+        let per_mpa = |k: f64| match &body.coating {
+            None => of_layer(k, material.youngs_modulus_mpa, material.poisson_ratio, body.size_mm[2], -1.0),
+            Some(c) => {
+                let coating = Layer {
+                    youngs_modulus_mpa: c.youngs_modulus_mpa,
+                    poisson_ratio: c.poisson_ratio,
+                    thickness_mm: c.thickness_mm,
+                };
+                of_coated(k, &coating, &whole(body.size_mm[2] - c.thickness_mm))
+            }
         };
         let count = (padded[0] * padded[1]) as f64;
         let half = padded.map(|n| n / 2 + 1);
