@@ -227,8 +227,8 @@ impl QuasiStaticSolver {
         };
         // (Under a coating the layer does not answer linearly as far as that: with skins of 0.1 to 0.5 mm, five times as stiff and as
         // soft as the pad, the relief presses by up to 1.8 and 7 % too little, the splines are within 1.3 % (a cone 4 %).)
-        let (plain, tells) = (self.pad.coating.is_none(), level.relief_tells(indenter));
-        let grip = level.grip().filter(|_| plain && tells);
+        let trust = if self.pad.coating.is_none() { level.trust_in_relief(indenter) } else { 0.0 };
+        let grip = level.grip().filter(|_| trust > 0.0);
         let [mx, my] = grip.as_ref().map_or(times, |grip| relief::finer_to_hold(grip, [nx, ny], times));
         let mut capture = level.capture(indenter, mx * (nx - 1) + 1, my * (ny - 1) + 1)?;
         let loads = level.loads();
@@ -248,9 +248,9 @@ impl QuasiStaticSolver {
             shape.face_height_mm([size[0], size[1]], [x, y])
         });
         let relieved = relief.is_some();
-        if let Some(relief) = relief.filter(|_| plain && tells) {
-            let part = relief.force_n / splined.force_n;
-            let more = level.trust_in_grip();
+        if let Some(relief) = relief.filter(|_| trust > 0.0) {
+            let part = 1.0 + trust * (relief.force_n / splined.force_n - 1.0);
+            let more = trust * level.trust_in_grip();
             capture.forces = capture.forces.times(part);
             for (force_n, borne) in capture.forces.shear_force_n.iter_mut().zip(relief.borne.force_n) {
                 *force_n -= more * borne;
@@ -262,7 +262,7 @@ impl QuasiStaticSolver {
             let splined = capture.stats.estimated_error.filter(|stated| *stated <= OF_USE);
             if let (Some(splined), Some(in_relief)) = (splined, in_relief) {
                 let in_relief = in_relief.max(relief::LEAST_TO_SPLINES * splined);
-                capture.stats.estimated_error = Some(splined.min(in_relief));
+                capture.stats.estimated_error = Some(splined - trust * (splined - in_relief).max(0.0));
             }
         }
         if relieved && shape == PadShape::Cuboid {

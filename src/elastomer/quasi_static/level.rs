@@ -56,10 +56,11 @@ const MOST_FOLDED: f64 = 5e-3;
 /// What a face in relief may be off by besides, relative to depth: its lattice ends a contact where its points are, and the layer
 /// below it is a linear one. Found by experiment: dots with edges rounded by 0.3 mm stay 0.3 % off over whatever cells.
 const RELIEF_ERROR: f64 = 0.0035;
-/// Part of the pad's thickness down to which it answers as an undeformed layer does, and part of a contact that may be rim. Found
-/// by experiment: a sharp cylinder pressed through more than half of a pad, and needles and knives over cells wider than they are,
-/// take forces from their relief that disagree with the stored energy by 8 to 20 %.
-const SHALLOW: f64 = 0.3;
+/// Parts of the pad's thickness down to which it answers as an undeformed layer does, and from which on it does not, and part of a
+/// contact that may be rim. Found by experiment: a sharp cylinder pressed through more than half of a pad, and needles and knives
+/// over cells wider than they are, take forces from their relief that disagree with the stored energy by 8 to 20 %. Between the two
+/// the relief has less and less to say: at once, the force of a bar would fall by 3 %.
+const SHALLOW: [f64; 2] = [0.25, 0.35];
 /// See [`SHALLOW`].
 const MOST_RIM: f64 = 0.9;
 /// Error of the surface per friction that was still changing (found by experiment).
@@ -585,11 +586,14 @@ impl Level {
         Some(RELIEF_ERROR + misfit + self.unsettled_error(indenter, depth, outcome))
     }
 
-    /// Whether the pressure of a face in relief tells more than that of the splines: of a press so shallow that the pad still answers
-    /// as an undeformed layer, and not all rim.
-    pub fn relief_tells(&self, indenter: &dyn Indenter) -> bool {
-        let depth = self.at.contacts.depth_mm(indenter, &self.at.pose);
-        depth <= SHALLOW * self.grid().size[2] && self.at.contacts.rim_part() <= MOST_RIM
+    /// How much the pressure of a face in relief tells that the splines' does not, from 0 to 1: all of it of a press so shallow that
+    /// the pad still answers as an undeformed layer, and that is not all rim.
+    pub fn trust_in_relief(&self, indenter: &dyn Indenter) -> f64 {
+        if self.at.contacts.rim_part() > MOST_RIM {
+            return 0.0;
+        }
+        let part = self.at.contacts.depth_mm(indenter, &self.at.pose) / self.grid().size[2];
+        ((SHALLOW[1] - part) / (SHALLOW[1] - SHALLOW[0])).clamp(0.0, 1.0)
     }
 
     /// Whether the indenter has come straight down since the pad was at rest.
