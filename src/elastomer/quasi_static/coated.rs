@@ -1,16 +1,17 @@
 //! How far the face of a layer under a coating gives way: both answer waves as elastic layers, and move together where they meet.
 //!
-//! Waves that run along x with k radians a mm, in plane strain. In each layer displacements and stresses are what Papkovich and Neuber's
-//! two functions make of waves that die out from its upper and from its lower face,
+//! Waves that run along x with k radians a mm, e^(i k x), in plane strain. In each layer displacements and stresses are what Papkovich
+//! and Neuber's two functions, of amplitudes A and B, make of waves that die out from its upper and from its lower face,
 //!
 //! ```text
 //! 2 mu u_x = -i k (A + z B) e^(s z)                      2 mu u_z = ((3 - 4 nu) B - s (A + z B)) e^(s z)
 //! tau_xz = i k ((1 - 2 nu) B - s (A + z B)) e^(s z)      sigma_zz = (2 (1 - nu) s B - s^2 (A + z B)) e^(s z),   s = k, -k,
 //! ```
 //!
-//! of which the four that fit what its faces do are found. (Barber, "Elasticity", chapter 21; layers put together by their stiffness as
+//! of which the four that fit what its faces do are found. (Layers put together by their stiffness as
 //! Kausel and Roesset 1981, "Stiffness matrices for layered soils".)
 
+use super::compliance;
 use glam::{DMat2, DMat4, DVec2, DVec4};
 
 /// An elastic layer.
@@ -45,34 +46,29 @@ impl Layer {
         let Self { youngs_modulus_mpa, poisson_ratio: nu, thickness_mm } = *self;
         let twice_mu = youngs_modulus_mpa / (1.0 + nu);
         let q = k * thickness_mm;
-        // Displacements (times 2 mu, over k) and tractions (over k^2) on a level z = zeta / k from where a pair of waves begins; B is
-        // taken times k.
-        let waves = |sign: f64, zeta: f64| {
+        // Displacements (times 2 mu, over k) and tractions (over k^2) on a level z = zeta / k from where a pair of waves begins, the
+        // first of A = 1, the second of B = k.
+        let displacements = |sign: f64, zeta: f64| {
             let fall = (sign * zeta).exp();
-            let displacement =
-                [DVec2::new(-1.0, -sign) * fall, DVec2::new(-zeta, 3.0 - 4.0 * nu - sign * zeta) * fall];
-            let traction = [
-                DVec2::new(-sign, -1.0) * fall,
-                DVec2::new(1.0 - 2.0 * nu - sign * zeta, 2.0 * (1.0 - nu) * sign - zeta) * fall,
-            ];
-            [displacement, traction]
+            [DVec2::new(-1.0, -sign) * fall, DVec2::new(-zeta, 3.0 - 4.0 * nu - sign * zeta) * fall]
         };
-        // From the upper face downwards, and from the lower face upwards; outwards is up above and down below.
-        let ([from_upper_above, from_upper_below], [from_lower_above, from_lower_below]) =
-            ([waves(1.0, 0.0), waves(1.0, -q)], [waves(-1.0, q), waves(-1.0, 0.0)]);
-        let column = |above: DVec2, below: DVec2| DVec4::new(above.x, above.y, below.x, below.y);
-        let matrix = |what: usize, outwards: f64| {
-            let of = |above: &[[DVec2; 2]; 2], below: &[[DVec2; 2]; 2], n: usize| {
-                column(above[what][n], below[what][n] * outwards)
+        let tractions = |sign: f64, zeta: f64| {
+            let fall = (sign * zeta).exp();
+            let second = DVec2::new(1.0 - 2.0 * nu - sign * zeta, 2.0 * (1.0 - nu) * sign - zeta);
+            [DVec2::new(-sign, -1.0) * fall, second * fall]
+        };
+        // Columns: two waves that begin at the upper face, two that begin at the lower; rows: what they do to the upper face, and to
+        // the lower, where outwards is down.
+        let to_faces = |of: &dyn Fn(f64, f64) -> [DVec2; 2], outwards: f64| {
+            let column = |above: DVec2, below: DVec2| {
+                let below = below * outwards;
+                DVec4::new(above.x, above.y, below.x, below.y)
             };
-            DMat4::from_cols(
-                of(&from_upper_above, &from_upper_below, 0),
-                of(&from_upper_above, &from_upper_below, 1),
-                of(&from_lower_above, &from_lower_below, 0),
-                of(&from_lower_above, &from_lower_below, 1),
-            )
+            let ([a, b], [a_below, b_below]) = (of(1.0, 0.0), of(1.0, -q));
+            let ([c, d], [c_below, d_below]) = (of(-1.0, q), of(-1.0, 0.0));
+            DMat4::from_cols(column(a, a_below), column(b, b_below), column(c, c_below), column(d, d_below))
         };
-        let all = matrix(1, -1.0) * matrix(0, 1.0).inverse() * (twice_mu * k);
+        let all = to_faces(&tractions, -1.0) * to_faces(&displacements, 1.0).inverse() * (twice_mu * k);
         let [a, b, c, d] = [all.x_axis, all.y_axis, all.z_axis, all.w_axis];
         Stiffness {
             upper: DMat2::from_cols(a.truncate().truncate(), b.truncate().truncate()),
@@ -85,8 +81,12 @@ impl Layer {
 
 /// mm per MPa of a wave of pressure of `k` radians a mm on a coating whose bulk is bonded to a rigid base.
 pub fn of_coated(k: f64, coating: &Layer, bulk: &Layer) -> f64 {
-    if k * (coating.thickness_mm + bulk.thickness_mm) < super::compliance::SHALLOW {
+    if k * (coating.thickness_mm + bulk.thickness_mm) < compliance::SHALLOW {
         return coating.squeezed() + bulk.squeezed();
+    }
+    if k * coating.thickness_mm > compliance::DEEP {
+        let Layer { youngs_modulus_mpa, poisson_ratio, thickness_mm } = *coating;
+        return compliance::of_layer(k, youngs_modulus_mpa, poisson_ratio, thickness_mm, -1.0);
     }
     let below = bulk.stiffness(k).upper;
     let above = coating.stiffness(k);

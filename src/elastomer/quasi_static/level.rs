@@ -60,8 +60,8 @@ const RELIEF_ERROR: f64 = 0.0035;
 /// contact that may be rim. Found by experiment: a sharp cylinder pressed through more than half of a pad, and needles and knives
 /// over cells wider than they are, take forces from their relief that disagree with the stored energy by 8 to 20 %. Between the two
 /// the relief has less and less to say: at once, the force of a bar would fall by 3 %.
-const SHALLOW: [f64; 2] = [0.25, 0.35];
-/// See [`SHALLOW`].
+const TRUSTED_DOWN_TO: [f64; 2] = [0.25, 0.35];
+/// See [`TRUSTED_DOWN_TO`].
 const MOST_RIM: f64 = 0.9;
 /// Error of the surface per friction that was still changing (found by experiment).
 const FRICTION_TO_ERROR: f64 = 0.1;
@@ -593,7 +593,7 @@ impl Level {
             return 0.0;
         }
         let part = self.at.contacts.depth_mm(indenter, &self.at.pose) / self.grid().size[2];
-        ((SHALLOW[1] - part) / (SHALLOW[1] - SHALLOW[0])).clamp(0.0, 1.0)
+        ((TRUSTED_DOWN_TO[1] - part) / (TRUSTED_DOWN_TO[1] - TRUSTED_DOWN_TO[0])).clamp(0.0, 1.0)
     }
 
     /// Whether the indenter has come straight down since the pad was at rest.

@@ -68,7 +68,8 @@ impl QuasiStaticSolver {
     pub(super) fn stated_error(&mut self, enough: f64) -> f64 {
         let level = self.finest();
         let splined = level.estimated_error(self.indenter.as_ref()).unwrap_or(0.0);
-        if splined <= enough || splined > OF_USE || !level.straight_down() {
+        let told = level.straight_down() && self.trust_in_relief() > 0.0;
+        if splined <= enough || splined > OF_USE || !told {
             return splined;
         }
         let [nx, ny] = relief::lattice(self.pad.size_mm, [level.grid().hx, level.grid().hy]);
