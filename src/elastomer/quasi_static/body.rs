@@ -64,6 +64,13 @@ impl Body {
         })
     }
 
+    /// How much the pad is of one stuff: the stiffness of the softer of coating and bulk over that of the other; 1 without a coating.
+    pub fn evenness(&self) -> f64 {
+        let Some(coating) = &self.coating else { return 1.0 };
+        let times = coating.youngs_modulus_mpa / self.material.youngs_modulus_mpa;
+        times.min(1.0 / times)
+    }
+
     /// Refuses a pose that no indenter can be brought to.
     ///
     /// # Errors
