@@ -114,7 +114,9 @@ impl QuasiStaticSolver {
     ) -> Result<Self, Error> {
         check(pad, settings)?;
         let size = [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm];
-        let resolution = Resolution::for_tolerance(settings.tolerance).for_body(indenter.as_ref(), size);
+        let resolution = Resolution::for_tolerance(settings.tolerance)
+            .for_body(indenter.as_ref(), size)
+            .for_friction(settings.friction, indenter.as_ref());
         let wanted = refinement::wanted(settings.tolerance);
         wakeful(|| Self::build(pad, settings, resolution, Some(wanted), indenter, start))
     }
