@@ -44,6 +44,7 @@ mod refinement;
 mod relief;
 pub mod resolution;
 mod shear;
+mod slip;
 pub mod springs;
 pub mod stack;
 pub mod symmetry;

@@ -83,9 +83,10 @@ impl QuasiStaticSolver {
     fn acceptable(&self) -> Option<f64> {
         let wanted = self.wanted?;
         let worthwhile = if self.path.len() > 1 { WORTHWHILE_LATER } else { WORTHWHILE };
-        // What was enough in relief is dragged with the cells that it has.
+        let usual = (worthwhile * wanted).min(UNRESOLVED);
+        // What was enough in relief is dragged with the cells that it has, unless they catch on the body.
         let coarse_drag = self.coarse_drag || (self.enough_in_relief && !self.finest().straight_down());
-        Some(if coarse_drag { UNRESOLVED } else { (worthwhile * wanted).min(UNRESOLVED) })
+        Some(if coarse_drag && self.finest().caught() <= usual { UNRESOLVED } else { usual })
     }
 
     /// Whether the way to `pose` drags the face along.

@@ -265,3 +265,26 @@ fn no_fold_of_the_face_is_drawn_through_a_narrow_body() {
     let deepest = now.surface.positions.iter().map(inside).fold(0.0, f64::max);
     assert!(deepest < 0.05, "{deepest} mm");
 }
+
+/// How much a face over wide cells has caught on a cylinder that slides 0.75 mm without friction, and the error that it states.
+fn caught(edge_round_mm: f64) -> (f64, f64) {
+    let settings = settings(Friction::Coefficient(0.0));
+    let (resolution, body) = (Resolution::for_tolerance(0.02), Arc::new(Punch(4.0, edge_round_mm)));
+    let above = Pose::new(0.0, 0.0, 0.3, 0.0);
+    let mut s =
+        QuasiStaticSolver::with_resolution(&pad(Law::NeoHookean), &settings, resolution, body, &above)
+            .unwrap();
+    for x_mm in [0.0, 0.25, 0.5, 0.75] {
+        s.advance(&Pose::new(x_mm, 0.0, -0.5, 0.0)).unwrap();
+    }
+    let stated = s.capture(41, 41).unwrap().stats.estimated_error.unwrap();
+    (s.finest().caught(), stated)
+}
+
+#[test]
+fn a_face_that_catches_on_an_edge_without_friction_says_so() {
+    let (rounded, stated) = caught(0.5);
+    assert!(rounded < 0.02 && stated < 0.05, "{rounded} {stated}");
+    let (sharp, stated) = caught(0.05);
+    assert!(sharp > 0.05 && stated >= sharp, "{sharp} {stated}");
+}
