@@ -41,11 +41,6 @@ pub trait Indenter: Send + Sync + std::fmt::Debug {
         f64::INFINITY
     }
 
-    /// Radius by which every convex edge is rounded, mm; 0 where nothing is known of that.
-    fn edge_round_mm(&self) -> f64 {
-        0.0
-    }
-
     /// Height of the body's lower surface above the tip plane at (x, y), mm; `None` beside the body.
     fn lower_surface(&self, x_mm: f64, y_mm: f64) -> Option<f64>;
 }
@@ -139,8 +134,8 @@ pub fn from_spec_or_store(
         edge_round_mm: spec.edge_round_mm,
         largest_mm: e.largest_mm,
     })?;
-    let (half_extent, height_mm, edge_round_mm) = (solid.half_extent(), spec.height_mm, spec.edge_round_mm);
-    Ok(Arc::new(Parametric { name: name.to_owned(), half_extent, height_mm, edge_round_mm, solid }))
+    let (half_extent, height_mm) = (solid.half_extent(), spec.height_mm);
+    Ok(Arc::new(Parametric { name: name.to_owned(), half_extent, height_mm, solid }))
 }
 
 /// An indenter made of swept outlines.
@@ -150,7 +145,6 @@ struct Parametric {
     solid: Solid,
     half_extent: DVec2,
     height_mm: f64,
-    edge_round_mm: f64,
 }
 
 impl Indenter for Parametric {
@@ -172,10 +166,6 @@ impl Indenter for Parametric {
 
     fn height_mm(&self) -> f64 {
         self.height_mm
-    }
-
-    fn edge_round_mm(&self) -> f64 {
-        self.edge_round_mm
     }
 
     fn lower_surface(&self, x_mm: f64, y_mm: f64) -> Option<f64> {

@@ -71,8 +71,7 @@ use wakeful::wakeful;
 ///
 /// What the tolerance asks for in general ([`Resolution::for_tolerance`]) is tried first. Where an answer states a
 /// much larger error than was asked for, or none is found, the way since the pad was last at rest is followed again with
-/// finer cells, as often as that promises to help. Once at rest, the pad is as coarse as it began, and so it is where a
-/// drag begins from a press that was of use with coarse cells: over fine ones a millimetre takes ten seconds.
+/// finer cells, as often as that promises to help. Once at rest, the pad is as coarse as it began.
 /// The answer of a waypoint depends on the way to it alone.
 #[derive(Debug)]
 pub struct QuasiStaticSolver {
@@ -86,12 +85,6 @@ pub struct QuasiStaticSolver {
     wanted: Option<f64>,
     /// Whether finer cells have failed since the pad was last at rest: another try would begin with the same way.
     refined_in_vain: bool,
-    /// Whether the answer without the finer cells was of use, too.
-    dispensable: bool,
-    /// Whether a drag goes on without them.
-    coarse_drag: bool,
-    /// Whether cells have been left as they are because the face in relief is good enough, where the splines' was not.
-    enough_in_relief: bool,
     /// Where the pad was last at rest, and the waypoints since then.
     path: Vec<Pose>,
     pad: Body,
@@ -115,9 +108,7 @@ impl QuasiStaticSolver {
     ) -> Result<Self, Error> {
         check(pad, settings)?;
         let size = [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm];
-        let resolution = Resolution::for_tolerance(settings.tolerance)
-            .for_body(indenter.as_ref(), size)
-            .for_friction(settings.friction, indenter.as_ref());
+        let resolution = Resolution::for_tolerance(settings.tolerance).for_body(indenter.as_ref(), size);
         let wanted = refinement::wanted(settings.tolerance);
         wakeful(|| Self::build(pad, settings, resolution, Some(wanted), indenter, start))
     }
@@ -156,9 +147,6 @@ impl QuasiStaticSolver {
             levels,
             unrefined: None,
             refined_in_vain: false,
-            dispensable: false,
-            coarse_drag: false,
-            enough_in_relief: false,
             resolution,
             wanted,
             path: vec![*start],
@@ -200,9 +188,6 @@ impl QuasiStaticSolver {
             return Ok(());
         }
         self.pad.reaches(self.indenter.as_ref(), pose)?;
-        if self.dispensable && self.unrefined.is_some() && self.drags(pose) {
-            self.again_unrefined()?;
-        }
         let usual = if self.unrefined.is_some() { &REFINED } else { &FINEST };
         let mut ended = self.go(pose, usual);
         self.refine(&mut ended, pose)?;
@@ -324,9 +309,6 @@ impl Elastomer for QuasiStaticSolver {
             levels: self.levels.iter().map(Step::fork).collect(),
             unrefined: self.unrefined.as_ref().map(|levels| levels.iter().map(Step::fork).collect()),
             refined_in_vain: self.refined_in_vain,
-            dispensable: self.dispensable,
-            coarse_drag: self.coarse_drag,
-            enough_in_relief: self.enough_in_relief,
             resolution: self.resolution,
             wanted: self.wanted,
             path: self.path.clone(),

@@ -1,7 +1,6 @@
 //! What an accuracy takes: cell sizes and stopping.
 
 use super::grid::Grid;
-use crate::elastomer::Friction;
 use crate::indenter::Indenter;
 
 /// Residual, and penetration relative to depth, of levels that only guess.
@@ -28,13 +27,6 @@ const TOUCHED_UP_TO_MM: f64 = 0.5;
 const CELLS_OF_TIP: f64 = 1.5;
 /// They need not be narrower than this for it, mm: finer ones are taken where an answer states too much.
 const NARROWEST_FOR_TIP_MM: f64 = 0.5;
-/// Wider cells than this, mm, have a third contact sample along their edges where nothing rubs and edges are rounded by at least so
-/// many cells: a face that slides over an edge between its samples snaps each time it passes one. Found by experiment: slid 1 mm
-/// with tolerances of 0.02 to 0.1, hexagon, pacman, cylinder and bar, edges rounded by 0.3 mm, lose up to 18 % of what the pad
-/// stores with two and up to 3 % with three; rounded by 0.1 mm no less with three than with two.
-const TWO_ENOUGH_MM: f64 = 0.5;
-/// See [`TWO_ENOUGH_MM`].
-const SEEN_BY_THREE: f64 = 0.2;
 /// Power of the cell size with which the stated error falls (found by experiment: flat bodies with rounded edges).
 const ORDER: f64 = 1.5;
 /// Cells over the finer ones of one step, at most: what states far too much mostly states far less as soon as the relief tells (the
@@ -90,14 +82,6 @@ impl Resolution {
             }
         }
         Self { cell_mm, increment_mm: longest.min(short), ..self }
-    }
-
-    /// The same accuracy where nothing rubs, or something does.
-    pub fn for_friction(self, friction: Friction, body: &dyn Indenter) -> Self {
-        let slips = friction == Friction::Coefficient(0.0) && self.cell_mm > TWO_ENOUGH_MM;
-        let samples =
-            if slips && body.edge_round_mm() >= SEEN_BY_THREE * self.cell_mm { 3 } else { self.samples };
-        Self { samples, ..self }
     }
 
     /// Whether the underside of a body, as much as the pad can touch, bends sharply or ends between three neighbours

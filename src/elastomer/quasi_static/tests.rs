@@ -484,7 +484,7 @@ fn contact_at_the_edge_is_refused_and_before_touch_nothing_is_computed() {
 }
 
 #[test]
-fn a_press_that_states_too_much_is_solved_with_finer_cells_until_it_is_dragged_or_let_go() {
+fn what_states_too_much_is_solved_with_finer_cells_until_it_is_let_go() {
     let settings = Settings { tolerance: 0.02, ..settings(Friction::Infinite) };
     let start = Pose::new(0.0, 0.0, 0.2, 0.0);
     let punch = Arc::new(Punch(1.75, 0.02));
@@ -513,12 +513,13 @@ fn a_press_that_states_too_much_is_solved_with_finer_cells_until_it_is_dragged_o
     assert!(pressed.stats.iterations > before.stats.iterations, "work on levels that are left counts");
     // A copy goes the same way.
     let mut copy = s.fork();
-    // The drag is that of the coarse cells, to the bit.
+    // It is dragged with them, and as well.
     let (again, dragged) = run(&mut s, &drag);
     let (_, plain) = run(&mut given, &drag);
-    assert_eq!((again, &dragged.surface), (cells, &plain.surface));
+    assert!(stated(&plain) > 2.25 * settings.tolerance, "{}", stated(&plain));
+    assert!(again >= finer && stated(&dragged) <= 2.25 * settings.tolerance, "{again} {}", stated(&dragged));
     copy.advance(&drag).expect("an easy way");
-    assert_eq!(copy.capture(41, 41).expect("a lattice").surface, plain.surface);
+    assert_eq!(copy.capture(41, 41).expect("a lattice").surface, dragged.surface);
     assert_eq!(run(&mut s, &start).0, cells);
     assert_eq!(run(&mut s, &press).1.surface, pressed.surface);
 }
