@@ -170,7 +170,7 @@ pub enum Error {
     },
     /// An equilibrium that says nothing: too much of the body falls between the cells.
     #[error(
-        "cells of {cell_mm:.3} mm do not resolve the contact at pose ({pose}), and finer ones found no equilibrium or were too many: stated error {:.0} % of the depth, at most {:.0} % can be used; lower elastomer.tolerance, round the indenter's edges, or choose another depth", 100.0 * stated, 100.0 * allowed
+        "cells of {cell_mm:.3} mm do not resolve the contact at pose ({pose}), and finer ones found no equilibrium or were too many: stated error {:.0} % of the depth, at most {:.0} % can be used; lower elastomer.tolerance, round the indenter's edges, choose another depth, or set elastomer.friction above 0 if a slide without it catches on edges", 100.0 * stated, 100.0 * allowed
     )]
     Unresolved {
         /// Where the indenter was.

@@ -12,7 +12,7 @@
 //! ([`cascade`], [`bridge`]); what an increment leaves behind is the displacement and, with friction, the anchors of
 //! the points that touch; a capture shows the face finer than its splines (`relief`). Nothing is computed before the
 //! first touch, and threads stay awake while something is (`wakeful`). An increment that does not converge is halved, and given up with a typed error in the end. What an
-//! answer lacks it states ([`level`], [`probe`], [`symmetry`], `fold`), and where that is too much, finer cells are tried
+//! answer lacks it states ([`level`], [`probe`], [`symmetry`], `fold`, `slip`), and where that is too much, finer cells are tried
 //! (`refinement`).
 
 #![allow(
@@ -66,6 +66,9 @@ pub use resolution::Resolution;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use wakeful::wakeful;
+
+/// Likeness of coating and bulk ([`Body::evenness`], squared) below which the relief has nothing to say of forces.
+const LEAST_ALIKE: f64 = 0.1;
 
 /// A pad that follows an indenter through equilibria.
 ///
@@ -191,6 +194,7 @@ impl QuasiStaticSolver {
         let usual = if self.unrefined.is_some() { &REFINED } else { &FINEST };
         let mut ended = self.go(pose, usual);
         self.refine(&mut ended, pose)?;
+        self.fall_back(&mut ended, pose)?;
         if let (Err(Error::NotConverged { advice, .. }), Some(doubt)) = (&mut ended, self.pad.doubt()) {
             *advice = format!("{doubt}; or, {advice}");
         }
@@ -209,7 +213,8 @@ impl QuasiStaticSolver {
     /// 0.8 mm deep have forces in relief that are 2.4 % too small to 0.4 % too large (stiff; the cone 3.3 % too small), and up to 9 %
     /// too small (soft), for the layers of the relief are linear ones; the splines' mostly are within 1.3 %.
     fn trust_in_relief(&self) -> f64 {
-        self.pad.evenness().powi(2) * self.finest().trust_in_relief(self.indenter.as_ref())
+        let alike = self.pad.evenness().powi(2);
+        if alike < LEAST_ALIKE { 0.0 } else { alike * self.finest().trust_in_relief(self.indenter.as_ref()) }
     }
 
     /// What the finest level has to tell, the face in finer relief than its splines have.

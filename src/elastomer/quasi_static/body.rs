@@ -64,7 +64,7 @@ impl Body {
         })
     }
 
-    /// How much the pad is of one stuff: the stiffness of the softer of coating and bulk over that of the other; 1 without a coating.
+    /// How much the pad is of one stuff, by Young's moduli alone: the lesser of coating and bulk over the other; 1 without a coating.
     pub fn evenness(&self) -> f64 {
         let Some(coating) = &self.coating else { return 1.0 };
         let times = coating.youngs_modulus_mpa / self.material.youngs_modulus_mpa;

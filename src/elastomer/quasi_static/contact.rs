@@ -407,6 +407,16 @@ impl Contacts {
         (force, torque)
     }
 
+    /// Distance of what is pressed from the indenter's axis, weighed by the pressure, mm.
+    pub fn arm_mm(&self, pose: &Pose) -> f64 {
+        let (mut sum, mut force) = (0.0, 0.0);
+        for a in &self.active {
+            sum += a.force.z.abs() * (a.position.x - pose.x_mm).hypot(a.position.y - pose.y_mm);
+            force += a.force.z.abs();
+        }
+        if force > 0.0 { sum / force } else { 0.0 }
+    }
+
     /// Root mean square of the penetration at the corners of loaded cells, between the sample points, mm.
     pub fn penetration_between(&self, indenter: &dyn Indenter, pose: &Pose, u: &[f32]) -> f64 {
         let (mut sum, mut n) = (0.0, 0);

@@ -174,7 +174,7 @@ pub struct Equilibrium {
     dragged_mm: f64,
     /// The same over how far what sticks holds, at the depths at which it went.
     worn: f64,
-    /// What slides without friction have lost.
+    /// Work of slides and turns without friction, and what became of it.
     ledger: Ledger,
     outcome: Option<Outcome>,
     /// Largest penetration at a sample point after the last solve, mm.
@@ -558,7 +558,7 @@ impl Level {
     }
 
     /// Error of the surface relative to depth, estimated from what the splines leave between the sample
-    /// points: the penetration found there, the residual, and the symmetry that was lost. Calibrated against finite elements. A body that the
+    /// points: the penetration found there, the residual, the symmetry that was lost, and what has caught on an edge. Calibrated against finite elements. A body that the
     /// sample points have missed altogether is seen by [`probe`].
     pub fn estimated_error(&self, indenter: &dyn Indenter) -> Option<f64> {
         *self.at.stated.get_or_init(|| self.find_error(indenter))
@@ -599,12 +599,12 @@ impl Level {
     pub fn caught(&self) -> f64 {
         let slips = !self.straight_down() && !self.at.contacts.has_friction();
         let Some(outcome) = self.at.outcome.filter(|_| slips) else { return 0.0 };
-        let lost = self.at.ledger.missing(outcome.evaluation.energy);
+        let lost = self.at.ledger.missing();
         if self.chart.is_some() {
             return lost;
         }
         let now = Account::new(self.at.contacts.resultant(&self.at.pose), outcome);
-        lost.max(now.resistance(self.at.contacts.patch().area_mm2()))
+        lost.max(now.resistance(self.at.contacts.arm_mm(&self.at.pose)))
     }
 
     /// The same of a face in relief that may be off by `misfit_mm`; nothing where what that is found from does not tell:

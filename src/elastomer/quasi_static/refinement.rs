@@ -2,9 +2,10 @@
 //!
 //! A tolerance picks cells that meet it for smooth bodies ([`Resolution::for_tolerance`]). Flat bodies with edges have
 //! twice the error or more, and narrow ones fall between the cells. Every answer states its error, so a way that
-//! states too much is gone again. Finer cells that find no equilibrium are not tried again before rest.
+//! states too much is gone again. Finer cells that find no equilibrium are not tried again before rest; where those of a
+//! press find none for a drag, it is dragged with the cells that it began with.
 
-use super::cascade::{REFINED, Step, rest_at};
+use super::cascade::{FINEST, REFINED, Step, rest_at};
 use super::resolution::Resolution;
 use super::{QuasiStaticSolver, relief, take_counters};
 use crate::elastomer::{Error, Friction};
@@ -79,13 +80,47 @@ impl QuasiStaticSolver {
 
     /// Stated error beyond which finer cells are tried.
     fn acceptable(&self) -> Option<f64> {
-        let drags = !self.finest().straight_down() && self.pad.friction != Friction::Coefficient(0.0);
-        let worthwhile = match self.path.len() {
-            _ if drags => WORTHWHILE_IN_A_DRAG,
-            1 => WORTHWHILE,
-            _ => WORTHWHILE_LATER,
+        let dragged = !self.finest().straight_down() && self.pad.friction != Friction::Coefficient(0.0);
+        let worthwhile = if dragged {
+            WORTHWHILE_IN_A_DRAG
+        } else if self.path.len() > 1 {
+            WORTHWHILE_LATER
+        } else {
+            WORTHWHILE
         };
         Some((worthwhile * self.wanted?).min(UNRESOLVED))
+    }
+
+    /// Whether the way to `pose` drags the face along.
+    fn drags(&self, pose: &Pose) -> bool {
+        let from = self.finest().pose();
+        let goes = (pose.x_mm, pose.y_mm, pose.theta_deg) != (from.x_mm, from.y_mm, from.theta_deg);
+        goes && self.pad.friction != Friction::Coefficient(0.0) && !self.finest().at_rest()
+    }
+
+    /// Follows the way since rest with the levels that it was begun with, where finer ones have `ended` without an equilibrium in a
+    /// drag to `pose`. When they find none either, all is as it was.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub(super) fn fall_back(&mut self, ended: &mut Result<(), Error>, pose: &Pose) -> Result<(), Error> {
+        if !matches!(ended, Err(Error::NotConverged { .. })) || self.unrefined.is_none() || !self.drags(pose)
+        {
+            return Ok(());
+        }
+        let (finer, resolution): (Vec<Step>, _) =
+            (self.levels.iter().map(Step::fork).collect(), self.resolution);
+        self.leave_refined();
+        let path = self.path.clone();
+        match path[1..].iter().chain([pose]).try_for_each(|p| self.go(p, &FINEST)) {
+            Err(stopped @ Error::Interrupted) => return Err(stopped),
+            Ok(()) => (*ended, self.refined_in_vain) = (Ok(()), true),
+            Err(_) => {
+                self.unrefined = Some(std::mem::replace(&mut self.levels, finer));
+                self.resolution = resolution;
+            }
+        }
+        Ok(())
     }
 
     /// Back to the levels of the beginning, at rest.

@@ -541,7 +541,7 @@ fn a_first_tenth_of_a_millimetre_to_a_coarse_tolerance_takes_no_finer_cells_than
 }
 
 #[test]
-fn a_press_of_no_use_with_coarse_cells_is_not_dragged_with_them() {
+fn a_drag_states_no_more_than_was_asked_for() {
     let settings = Settings { tolerance: 0.1, ..settings(Friction::Infinite) };
     let start = Pose::new(0.0, 0.0, 0.5, 0.0);
     let sphere = Arc::new(Sphere(4.0));

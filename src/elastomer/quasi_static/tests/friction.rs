@@ -288,3 +288,14 @@ fn a_face_that_catches_on_an_edge_without_friction_says_so() {
     let (sharp, stated) = caught(0.05);
     assert!(sharp > 0.05 && stated >= sharp, "{sharp} {stated}");
 }
+
+#[test]
+fn what_has_slid_without_friction_may_be_lifted_off() {
+    let settings = Settings { tolerance: 0.05, ..settings(Friction::Coefficient(0.0)) };
+    let above = Pose::new(0.0, 0.0, 0.3, 0.0);
+    let punch = Arc::new(Punch(3.0, 0.3));
+    let mut s = QuasiStaticSolver::new(&pad(Law::NeoHookean), &settings, punch, &above).unwrap();
+    for (x_mm, z_mm) in [(0.0, -1.0), (0.5, -1.0), (1.0, -1.0), (1.0, -0.6), (1.0, -0.3), (1.0, -0.1)] {
+        s.advance(&Pose::new(x_mm, 0.0, z_mm, 0.0)).unwrap_or_else(|error| panic!("{x_mm} {z_mm}: {error}"));
+    }
+}
