@@ -558,8 +558,8 @@ impl Level {
     }
 
     /// Error of the surface relative to depth, estimated from what the splines leave between the sample
-    /// points: the penetration found there, the residual, the symmetry that was lost, and what has caught on an edge. Calibrated against finite elements. A body that the
-    /// sample points have missed altogether is seen by [`probe`].
+    /// points: the penetration found there, the residual, the symmetry that was lost, and what has caught on an edge. Calibrated
+    /// against finite elements. A body that the sample points have missed altogether is seen by [`probe`].
     pub fn estimated_error(&self, indenter: &dyn Indenter) -> Option<f64> {
         *self.at.stated.get_or_init(|| self.find_error(indenter))
     }
