@@ -1,6 +1,6 @@
 //! What a slide or a turn without friction is known by: the pad keeps the work that is done on it and, where it is flat,
-//! resists neither (a millimetre from its sides with up to 5 % of the normal force). What it loses or resists with tells of a face that has caught on an edge, for between contact samples a
-//! sharp edge is not seen.
+//! resists neither (a millimetre from its sides with up to 5 % of the normal force). What it loses or resists with tells of
+//! a face that has caught on an edge, for between contact samples a sharp edge is not seen.
 
 use super::newton::Outcome;
 use crate::pose::Pose;
