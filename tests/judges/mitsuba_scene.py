@@ -6,7 +6,8 @@
 Writes PICTURES (default 1) independent pictures, linear RGB float32 (pictures, h, w, 3), row 0 on top; several tell the
 judge's own standard error (`compare.py`). The scalar variant needs nothing beside the wheel; MITSUBA_VARIANT=llvm_ad_rgb
 is several times as fast where LLVM is installed (LLVM 15 could not select an instruction on a machine with AVX-512, LLVM 19
-could; DRJIT_LIBLLVM_PATH names one). JUDGE_EVENTS sets how often a path scatters: 1 is direct light alone. Not part of any test run.
+could; DRJIT_LIBLLVM_PATH names one), and cuda_ad_rgb on an H200 took 0.9 s for 79 million samples of Ac, where one core takes
+some ninety with the scalar one. JUDGE_EVENTS sets how often a path scatters: 1 is direct light alone. Not part of any test run.
 """
 import json
 import os
