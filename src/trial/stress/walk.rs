@@ -314,7 +314,9 @@ fn path(walk: &mut Walk<'_>) -> Result<(), Error> {
     walk.release()
 }
 
-fn slide(walk: &mut Walk<'_>, way_mm: f64, direction_deg: f64) -> Result<(), Error> {
+/// Slides, and hands over what was captured on the way.
+fn slide(walk: &mut Walk<'_>, way_mm: f64, direction_deg: f64) -> Result<Vec<ElastomerCapture>, Error> {
+    let mut captures = Vec::new();
     let start = walk.pose;
     let energy = walk.last.as_ref().map_or(0.0, |c| c.stats.elastic_energy_n_mm);
     walk.work = [0.0; 2];
@@ -326,6 +328,7 @@ fn slide(walk: &mut Walk<'_>, way_mm: f64, direction_deg: f64) -> Result<(), Err
         let s = way_mm * f64::from(n) / f64::from(parts);
         let now = walk.go(Pose { x_mm: start.x_mm + s * cos, y_mm: start.y_mm + s * sin, ..start })?;
         let f = now.forces;
+        captures.push(now.clone());
         let normal = f.normal_force_n.max(walk.least_force());
         let along = f.shear_force_n[0] * cos + f.shear_force_n[1] * sin;
         if walk.case.pad.shape != PadShape::Cuboid {
@@ -348,7 +351,7 @@ fn slide(walk: &mut Walk<'_>, way_mm: f64, direction_deg: f64) -> Result<(), Err
         }
     }
     walk.judge_work(energy);
-    Ok(())
+    Ok(captures)
 }
 
 /// Most that a slide may pull, over the normal force, were the same pressure on all that touches: friction along the face and the
@@ -473,29 +476,32 @@ fn finer(walk: &mut Walk<'_>, alter: &dyn Fn(&mut ElastomerCapture)) -> Result<(
     Ok(())
 }
 
-/// A slide to the left mirrors one to the right.
+/// A slide to the left mirrors one to the right, at every waypoint.
 fn mirror(walk: &mut Walk<'_>) -> Result<(), Error> {
     let case = walk.case;
     walk.go(walk.at(-case.depth_mm))?;
     let forked = walk.solver.fork();
     let (start, pressed) = (walk.pose, walk.last.clone());
-    slide(walk, case.slide_mm, 0.0)?;
-    let right = walk.last.clone();
+    let right = slide(walk, case.slide_mm, 0.0)?;
     (walk.solver, walk.pose, walk.last) = (forked, start, pressed);
-    slide(walk, case.slide_mm, 180.0)?;
-    let (Some(right), Some(left)) = (right, walk.last.clone()) else { return Ok(()) };
-    let s = &right.surface;
-    let mut most = 0.0f32;
-    for j in 0..s.ny {
-        for i in 0..s.nx {
-            let (a, b) = (s.positions[j * s.nx + i], left.surface.positions[j * s.nx + s.nx - 1 - i]);
-            most = most.max((a.z - b.z).abs()).max((a.x + b.x).abs()).max((a.y - b.y).abs());
+    let left = slide(walk, case.slide_mm, 180.0)?;
+    for (right, left) in right.iter().zip(&left) {
+        let s = &right.surface;
+        let mut most = 0.0f32;
+        for j in 0..s.ny {
+            for i in 0..s.nx {
+                let (a, b) = (s.positions[j * s.nx + i], left.surface.positions[j * s.nx + s.nx - 1 - i]);
+                most = most.max((a.z - b.z).abs()).max((a.x + b.x).abs()).max((a.y - b.y).abs());
+            }
         }
+        let claim = left.stats.estimated_error.unwrap_or(0.0).max(walk.tolerance);
+        walk.checks.hold("left against right, mm", f64::from(most), claim * case.depth_mm + 1e-3);
+        let normal = right.forces.normal_force_n.max(walk.least_force());
+        let off = (right.forces.normal_force_n - left.forces.normal_force_n).abs() / normal;
+        walk.checks.hold("left force against right", off, 0.01 + 0.5 * claim);
+        let drag = right.forces.shear_force_n[0] + left.forces.shear_force_n[0];
+        walk.checks.hold("left drag against right", drag.abs() / normal, 0.02 + claim);
     }
-    walk.checks.hold("left against right, mm", f64::from(most), walk.claim * case.depth_mm + 1e-3);
-    let normal = right.forces.normal_force_n.max(walk.least_force());
-    let off = (right.forces.normal_force_n - left.forces.normal_force_n).abs() / normal;
-    walk.checks.hold("left force against right", off, 0.01 + 0.5 * walk.claim);
     walk.release()
 }
 
