@@ -11,7 +11,7 @@ use crate::pose::Pose;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Spacing of the lattice, mm: two points across the narrowest edge of the press set (0.2 mm).
+/// Largest spacing of the lattice, mm: two points across the narrowest edge of the press set (0.2 mm).
 const SPACING_MM: f64 = 0.1;
 
 /// How far points of the face lie in the indenter, mm; 0 where none does.
@@ -30,8 +30,9 @@ pub fn inside(grid: &Grid, chart: Option<&Chart>, u: &[f32], indenter: &dyn Inde
     let lattice = |at: f64, size: f64| {
         let half = size / 2.0;
         let (low, high) = ((at - reach).max(-half), (at + reach).min(half));
-        let n = if high > low { ((high - low) / SPACING_MM) as usize } else { 0 };
-        (0..n).map(move |i| low + (i as f64 + 0.5) * SPACING_MM)
+        // As far from either end, so that what is seen of a mirrored face is the same.
+        let n = ((high - low).max(0.0) / SPACING_MM).ceil();
+        (0..n as usize).map(move |i| low + (i as f64 + 0.5) * (high - low) / n)
     };
     let columns: Vec<(f64, usize, [f64; 3])> = lattice(pose.x_mm, grid.size[0])
         .map(|x| {
