@@ -71,6 +71,8 @@ pub fn follow(
     let parts = levels[finest].level.increments(indenter, pose);
     // A press over an unstable pad ends on one side or the other as rounding decides; a drag sticks and slips.
     let presses = Pose { z_mm: start.z_mm, ..*pose } == start && patience.bold.is_finite();
+    // One that is let go comes to where it is stable.
+    let lifts = presses && pose.z_mm > start.z_mm;
     let (mut done, mut longest, mut restarts, mut wasted) = (0.0, 1.0 / parts, 0, 0);
     let mut stride = longest;
     let mut begun = levels[finest].level.newton.passes;
@@ -82,7 +84,7 @@ pub fn follow(
         let next = f64::min(1.0, done + stride);
         let next = if next > 1.0 - 1e-9 { 1.0 } else { next };
         let mut hopeless = false;
-        let cautious = presses || next - done > patience.bold * longest;
+        let cautious = !lifts && (presses || next - done > patience.bold * longest);
         let spent = levels[finest].level.newton.passes - begun;
         let leave = Leave { cautious, passes: (within_work as u64).saturating_sub(spent) };
         match increment(levels, indenter, &start.lerp(pose, next), leave)? {
