@@ -13,7 +13,7 @@ const BLOCK: usize = 2 * WIDTH;
 const LEAST_PIVOT: f32 = 1e-6;
 
 /// A lower triangular factor.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Cholesky {
     n: usize,
     stride: usize,

@@ -244,7 +244,7 @@ impl Level {
             increment_mm: self.increment_mm,
             guesses: self.guesses,
             at: self.at.clone(),
-            newton: Newton::ended_by(self.newton.interrupt.clone()),
+            newton: self.newton.fork(),
         }
     }
 

@@ -99,9 +99,10 @@ pub struct Problem<'a> {
 }
 
 impl Newton {
-    /// A solver without memory that this ends early.
-    pub(in crate::elastomer) fn ended_by(interrupt: Interrupt) -> Self {
-        Self { interrupt, ..Self::default() }
+    /// One that goes on as this would: the springs that it has factored do for some while, so that what follows is the same to the
+    /// bit. Its counters are its own.
+    pub(in crate::elastomer) fn fork(&self) -> Self {
+        Self { springs: self.springs.fork(), interrupt: self.interrupt.clone(), ..Self::default() }
     }
 
     /// The pad at displacement `u`, from which [`Self::begin`] goes on.

@@ -153,6 +153,11 @@ pub struct Springs {
 }
 
 impl Springs {
+    /// The same springs, factored.
+    pub fn fork(&self) -> Self {
+        Self { groups: self.groups.clone(), factor: self.factor.clone(), ..Self::default() }
+    }
+
     /// Gathers the springs of a linearised contact and factors their system.
     pub fn update(&mut self, grid: &Grid, green: &FaceGreen, frames: Option<&Frames>, contacts: &Contacts) {
         let mut block = 1;

@@ -525,6 +525,19 @@ fn what_states_too_much_is_solved_with_finer_cells_until_it_is_let_go() {
 }
 
 #[test]
+fn a_fork_goes_on_as_the_original_does_to_the_bit() {
+    let mut s = solver(Friction::Coefficient(0.5), Arc::new(Sphere(4.0)), Law::NeoHookean);
+    s.advance(&Pose::new(0.0, 0.0, -0.2, 0.0)).expect("an easy press");
+    let mut fork = s.fork();
+    let slide = [0.1, 0.2].map(|x_mm| Pose::new(x_mm, 0.0, -0.2, 0.0));
+    let [original, forked] = [&mut s as &mut dyn Elastomer, fork.as_mut()].map(|s| {
+        slide.iter().for_each(|pose| s.advance(pose).expect("an easy slide"));
+        s.capture(41, 41).expect("a lattice").surface
+    });
+    assert_eq!(original, forked);
+}
+
+#[test]
 fn a_first_tenth_of_a_millimetre_to_a_coarse_tolerance_takes_no_finer_cells_than_to_the_usual_one() {
     let first = |tolerance: f64| {
         let settings = Settings { tolerance, ..settings(Friction::Infinite) };
