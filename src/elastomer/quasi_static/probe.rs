@@ -30,9 +30,9 @@ pub fn inside(grid: &Grid, chart: Option<&Chart>, u: &[f32], indenter: &dyn Inde
     let lattice = |at: f64, size: f64| {
         let half = size / 2.0;
         let (low, high) = ((at - reach).max(-half), (at + reach).min(half));
-        // As far from either end, so that what is seen of a mirrored face is the same.
-        let n = ((high - low).max(0.0) / SPACING_MM).ceil();
-        (0..n as usize).map(move |i| low + (i as f64 + 0.5) * (high - low) / n)
+        // As far from either end, so that what is seen of a mirrored face is the same, and one in the middle, where a needle is.
+        let n = if high > low { ((high - low) / SPACING_MM).ceil() as usize | 1 } else { 0 };
+        (0..n).map(move |i| low + (i as f64 + 0.5) * (high - low) / n as f64)
     };
     let columns: Vec<(f64, usize, [f64; 3])> = lattice(pose.x_mm, grid.size[0])
         .map(|x| {
