@@ -538,6 +538,24 @@ fn a_fork_goes_on_as_the_original_does_to_the_bit() {
 }
 
 #[test]
+fn a_nearly_incompressible_pad_that_is_let_go_comes_back_and_at_once() {
+    let mut pad = Pad { size_x_mm: 8.0, size_y_mm: 8.0, thickness_mm: 2.0, ..pad(Law::NeoHookean) };
+    pad.material.poisson_ratio = 0.499;
+    let settings = Settings { tolerance: 0.1, ..settings(Friction::Coefficient(0.0)) };
+    let start = Pose::new(0.0, 0.0, 0.3, 0.0);
+    let mut s = QuasiStaticSolver::new(&pad, &settings, Arc::new(Sphere(1.0)), &start).expect("in range");
+    let [shallow, deep, lifted] = [-0.06, -0.2, -0.06].map(|z_mm| {
+        s.advance(&Pose::new(0.0, 0.0, z_mm, 0.0)).expect("an easy way");
+        let c = s.capture(2, 2).expect("a lattice");
+        (c.forces.normal_force_n, c.stats.iterations)
+    });
+    assert!(deep.0 > 5.0 * shallow.0, "{deep:?}");
+    assert!((lifted.0 / shallow.0 - 1.0).abs() < 2e-3, "{lifted:?} after {shallow:?}");
+    // Halved for every direction without stiffness that is met on the way, it takes 52.
+    assert!(lifted.1 < 35, "{lifted:?}");
+}
+
+#[test]
 fn a_first_tenth_of_a_millimetre_to_a_coarse_tolerance_takes_no_finer_cells_than_to_the_usual_one() {
     let first = |tolerance: f64| {
         let settings = Settings { tolerance, ..settings(Friction::Infinite) };
