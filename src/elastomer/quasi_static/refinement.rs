@@ -108,8 +108,8 @@ impl QuasiStaticSolver {
         {
             return Ok(());
         }
-        let (finer, resolution): (Vec<Step>, _) =
-            (self.levels.iter().map(Step::fork).collect(), self.resolution);
+        let finer: Vec<Step> = self.levels.iter().map(Step::fork).collect();
+        let resolution = self.resolution;
         self.leave_refined();
         let path = self.path.clone();
         match path[1..].iter().chain([pose]).try_for_each(|p| self.go(p, &FINEST)) {
