@@ -27,7 +27,7 @@
 //!
 //! | rung | modules | is |
 //! |---|---|---|
-//! | 0 | [`units`] [`clock`] [`pose`] [`frame`] [`problem`] [`cache`] | vocabulary; what is kept between runs |
+//! | 0 | [`units`] [`clock`] [`pose`] [`frame`] [`problem`] [`cache`], `wakeful` of the physics | vocabulary; what is kept between runs; threads that stay awake for short pieces of work |
 //! | 1a | [`indenter`] [`image`] | shapes and pictures |
 //! | 1b | [`motion`] [`protocol`] [`elastomer`] [`optics`] | pure domains: no I/O, no waiting |
 //! | 2 | [`plan`] [`device`] [`dataset`] | uses of the domains |

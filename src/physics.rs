@@ -12,3 +12,4 @@ pub mod optics;
 pub mod pose;
 pub mod problem;
 pub mod units;
+mod wakeful;

@@ -49,13 +49,13 @@ pub mod springs;
 pub mod stack;
 pub mod symmetry;
 mod transforms;
-mod wakeful;
 pub mod waves;
 
 use super::interrupt::Interrupt;
 use super::{Elastomer, ElastomerCapture, Error, Pad, PadShape, Settings};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
+use crate::wakeful::wakeful;
 use body::Body;
 pub(super) use body::check;
 use cascade::{FINEST, Patience, REFINED, Step, follow, rest_at};
@@ -65,7 +65,6 @@ use relief::Splined;
 pub use resolution::Resolution;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use wakeful::wakeful;
 
 /// Likeness of coating and bulk ([`Body::evenness`], squared) below which the relief has nothing to say of forces.
 const LEAST_ALIKE: f64 = 0.1;

@@ -553,14 +553,16 @@ impl Cells<'_> {
         if most < SILENT * mean.max_element() {
             return Echoed { mean, changes: Vec::new() };
         }
-        let mut changes = Vec::new();
         let seen: Vec<usize> = seen().collect();
-        for k in seen {
-            let i = at(k);
+        let change = |k: &usize| {
+            let i = at(*k);
             let p = Vec3::new(means.places[0][i], means.places[1][i], means.heights[i]);
             let normal = Vec3::new(means.normals[0][i], means.normals[1][i], means.normals[2][i]);
-            let (change, light) = (probes::change(&answer.at(p), normal), light(k));
-            changes.push(change);
+            probes::change(&answer.at(p), normal)
+        };
+        let changes: Vec<Vec3> = seen.par_iter().with_min_len(1024).map(change).collect();
+        for (k, change) in seen.into_iter().zip(&changes) {
+            let light = light(k);
             let bounded = change.clamp(-0.9 * light, light * (MOST - 1.0));
             gains[k] += bounded / light.max(Vec3::splat(1e-12));
         }

@@ -102,6 +102,11 @@ fn steepness(cells: &[Cell], rest_normal: impl Fn(Vec3) -> Vec3) -> f64 {
     (sum / f64::max(count, 1.0)).sqrt()
 }
 
+/// So many pixels without light. (Memory that is new to the process is slow to be written to: on all threads.)
+fn dark(n: usize) -> Vec<Vec3> {
+    rayon::iter::repeat_n(Vec3::ZERO, n).with_min_len(16_384).collect()
+}
+
 /// Rows of blocks hold one picture after the other, `block` numbers each.
 fn by_film(all: &[Vec3], block: usize, films: usize) -> Vec<Vec<Vec3>> {
     let mut out = vec![Vec::with_capacity(all.len() / films); films];
@@ -147,13 +152,13 @@ impl Frame<'_> {
         let in_row = size[0] * (NODE_PX / cell_px);
         // (Twice each: what is level enough to have normals of its own, and flanks that are narrower than a pixel.)
         let mut cells = vec![bounce::EMPTY; 2 * size[0] * size[1]];
-        let mut light = vec![Vec3::ZERO; size[0] * size[1] * 2 * films];
+        let mut light = dark(size[0] * size[1] * 2 * films);
         let traces = traces::count(films);
         let mut spreads = vec![0.0; traces * height.div_ceil(NODE_PX)];
         let mut splits = vec![Vec::new(); height.div_ceil(NODE_PX)];
         let mut parts_of_flanks = vec![Parts::default(); height.div_ceil(NODE_PX)];
         let mut all: Vec<Film> =
-            (0..films).map(|_| Film { width, height, pixels: vec![Vec3::ZERO; width * height] }).collect();
+            (0..films).map(|_| Film { width, height, pixels: dark(width * height) }).collect();
         let mut rows: Vec<Vec<&mut [Vec3]>> = Vec::new();
         rows.resize_with(splits.len(), Vec::new);
         for film in &mut all {

@@ -11,6 +11,7 @@ use super::{DIRECT_LIFT_MM, Precomputed};
 use crate::optics::basis::{BasisError, LightBasis};
 use crate::optics::reference::Sight;
 use crate::optics::{Albedo, Error, Film, Material, Mesh, Scene, to_pad};
+use crate::wakeful::wakeful;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -32,6 +33,10 @@ impl<'a> Renderer<'a> {
     /// # Errors
     /// When anything but the pad's mesh differs from what was prepared, or the mesh is none for this mode.
     pub fn new(once: &'a Precomputed, scene: &Scene, tolerance: f64) -> Result<Self, Error> {
+        wakeful(|| Self::over(once, scene, tolerance))
+    }
+
+    fn over(once: &'a Precomputed, scene: &Scene, tolerance: f64) -> Result<Self, Error> {
         if !(tolerance > 0.0 && tolerance <= 1.0) {
             return Err(Error::Setting {
                 key: "tolerance",
@@ -127,7 +132,7 @@ impl<'a> Renderer<'a> {
     /// The picture and what relRMSE to expect of it. Where that would be above the tolerance, and more work would help, more is
     /// done.
     pub fn render_with_error(&self) -> (Film, f64) {
-        let (mut pictures, _, error) = self.within_tolerance(|pad| pad.pictures(1));
+        let (mut pictures, _, error) = wakeful(|| self.within_tolerance(|pad| pad.pictures(1)));
         (pictures.films.swap_remove(0), error)
     }
 
@@ -140,7 +145,7 @@ impl<'a> Renderer<'a> {
     /// picture of all lights would take it, so that the sum is that picture.
     pub fn basis_with_error(&self) -> (LightBasis, BasisError) {
         let names = self.once.fixed_scene.lights.iter().map(|l| l.name.clone()).collect();
-        let (pictures, effort, together) = self.within_tolerance(|pad| pad.light_by_light());
+        let (pictures, effort, together) = wakeful(|| self.within_tolerance(|pad| pad.light_by_light()));
         let error = |light| self.estimated_error(&pictures, Lit::By(light), &effort);
         let lights = (0..self.once.sources.len()).map(error).collect();
         (LightBasis { names, films: pictures.films }, BasisError { lights, together })

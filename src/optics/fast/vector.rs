@@ -45,8 +45,13 @@ pub fn edges(a: Vectors, b: Vectors) -> Vectors {
     let c = a.dot(b);
     let x = c.abs().min(Eight::all(1.0));
     let factor = polynomial(&A, x).over((Eight::all(1.0) + x).sqrt());
+    let is_obtuse = c.below(Eight::all(0.0));
+    // Few edges are seen under so wide an angle: a root and a quotient less for the others.
+    if !is_obtuse.any() {
+        return cross.scaled(factor);
+    }
     let obtuse = Eight::all(PI).over(cross.dot(cross).sqrt().max(Eight::all(1e-20))) - factor;
-    cross.scaled(c.below(Eight::all(0.0)).choose(obtuse, factor))
+    cross.scaled(is_obtuse.choose(obtuse, factor))
 }
 
 /// For radiance 1, of a quadrilateral as seen from eight points on its shining side.
