@@ -72,6 +72,8 @@ const LEAST_PART: f64 = 0.03;
 
 /// Points that are not worth another thread.
 const FEW: usize = 1024;
+/// Lines of a lattice that one thread smooths at once.
+const LINES_AT_ONCE: usize = 16;
 
 /// What is known of a face from its splines.
 pub struct Splined<'a> {
@@ -165,12 +167,14 @@ impl Splined<'_> {
         &self,
         face: &mut Surface,
         contact: &mut [bool],
-        rest_z: impl Fn(f64, f64) -> f64,
+        rest_z: impl Fn(f64, f64) -> f64 + Sync,
     ) -> Option<Relief> {
         let pressed = self.pressed(face);
         let window = self.window(face, &pressed)?;
         let pressure = self.balanced(face, &pressed, window)?;
         let splined: Vec<f32> = (0..window.count())
+            .into_par_iter()
+            .with_min_len(FEW)
             .map(|k| {
                 let (i, j) = window.at(k);
                 let [x, y] = face.rest_xy(i, j);
@@ -236,20 +240,20 @@ impl Splined<'_> {
         let unpressed: Vec<Option<f64>> = (0..window.count())
             .map(|k| at_body[k].map(|gap| gap + f64::from(splined[k] - free[k])))
             .collect();
-        let (mut gap, mut soft) = (vec![f32::INFINITY; window.count()], vec![0.0; window.count()]);
-        for k in 0..window.count() {
+        let felt = |k: usize| {
             let whole = neighbours(k, window.size[0])
                 .all(|n| at_body.get(n).is_none_or(|b| b.is_some() == at_body[k].is_some()));
             let (part, mean) = match at_body[k] {
                 Some(gap) if whole => (1.0, gap + bent(&unpressed, window.size[0], k)),
-                None if whole => continue,
+                None if whole => return (f32::INFINITY, 0.0),
                 _ => part_below(place(k), window.spacing, below),
             };
-            if part >= LEAST_PART {
-                gap[k] = mean as f32 + splined[k] - free[k];
-                soft[k] = (SOFT * (1.0 / part - 1.0)) as f32 * own;
+            match part >= LEAST_PART {
+                true => (mean as f32 + splined[k] - free[k], (SOFT * (1.0 / part - 1.0)) as f32 * own),
+                false => (f32::INFINITY, 0.0),
             }
-        }
+        };
+        let (gap, soft) = (0..window.count()).into_par_iter().with_min_len(FEW).map(felt).unzip();
         Under { at_body, gap, soft }
     }
 
@@ -264,21 +268,27 @@ impl Splined<'_> {
         pressure: &[f32],
     ) {
         let fade = [0, 1].map(|a| FADE * self.cell_mm[a] / window.spacing[a]);
-        for k in 0..window.count() {
+        let count = [face.nx, face.ny];
+        let moved = |k: usize| {
             let (i, j) = window.at(k);
-            let inside = |at: usize, axis: usize, n: usize| {
+            let inside = |at: usize, axis: usize| {
                 let (low, high) = (window.from[axis], window.from[axis] + window.size[axis] - 1);
                 let below = if low == 0 { f64::INFINITY } else { (at - low) as f64 };
-                let above = if high == n - 1 { f64::INFINITY } else { (high - at) as f64 };
+                let above = if high == count[axis] - 1 { f64::INFINITY } else { (high - at) as f64 };
                 let t = (below.min(above) / fade[axis]).min(1.0);
                 t * t * (3.0 - 2.0 * t)
             };
-            let part = (inside(i, 0, face.nx) * inside(j, 1, face.ny)) as f32;
-            let to = j * face.nx + i;
+            let part = (inside(i, 0) * inside(j, 1)) as f32;
             // A soft point has not given way as far as the body reaches, and what bends is nearer than it is at a mean.
             let most = at_body[k].map_or(f32::INFINITY, |gap| gap as f32);
-            face.positions[to].z += part * change[k].min(most);
-            contact[to] = at_body[k].is_some() && is_covered(pressure, window.size[0], k);
+            (part * change[k].min(most), at_body[k].is_some() && is_covered(pressure, window.size[0], k))
+        };
+        let moved: Vec<(f32, bool)> =
+            (0..window.count()).into_par_iter().with_min_len(FEW).map(moved).collect();
+        for (k, (higher, touches)) in moved.into_iter().enumerate() {
+            let to = window.index(face, k);
+            face.positions[to].z += higher;
+            contact[to] = touches;
         }
     }
 
@@ -467,17 +477,30 @@ fn smooth(field: &mut [f32], [nx, ny]: [usize; 2], deviation: [f64; 2]) {
         let at = at.rem_euclid(period);
         at.min(period - at) as usize
     };
-    let mut line = Vec::new();
-    let mut along = |field: &mut [f32], first: usize, step: usize, n: usize, weights: &[f32]| {
-        let reach = (weights.len() / 2) as i64;
-        line.clear();
-        line.extend((-reach..n as i64 + reach).map(|at| field[first + step * mirrored(at, n)]));
-        for k in 0..n {
-            field[first + step * k] = weights.iter().zip(&line[k..]).map(|(w, v)| w * v).sum();
+    let before = field.to_vec();
+    let lines = LINES_AT_ONCE * nx;
+    field.par_chunks_mut(lines).zip(before.par_chunks(lines)).for_each(|(field, before)| {
+        let reach = (weights[0].len() / 2) as i64;
+        let mut line = Vec::new();
+        for (field, before) in field.chunks_mut(nx).zip(before.chunks(nx)) {
+            line.clear();
+            line.extend((-reach..nx as i64 + reach).map(|at| before[mirrored(at, nx)]));
+            for (k, to) in field.iter_mut().enumerate() {
+                *to = weights[0].iter().zip(&line[k..]).map(|(w, v)| w * v).sum();
+            }
         }
-    };
-    (0..ny).for_each(|j| along(field, j * nx, 1, nx, &weights[0]));
-    (0..nx).for_each(|i| along(field, i, nx, ny, &weights[1]));
+    });
+    let before = field.to_vec();
+    field.par_chunks_mut(lines).enumerate().for_each(|(m, field)| {
+        let reach = (weights[1].len() / 2) as i64;
+        for (j, field) in field.chunks_mut(nx).enumerate() {
+            field.fill(0.0);
+            for (k, weight) in weights[1].iter().enumerate() {
+                let from = mirrored((m * LINES_AT_ONCE + j) as i64 + k as i64 - reach, ny);
+                field.iter_mut().zip(&before[from * nx..]).for_each(|(to, v)| *to += weight * v);
+            }
+        }
+    });
 }
 
 #[cfg(test)]
