@@ -194,6 +194,7 @@ impl QuasiStaticSolver {
         let mut ended = self.go(pose, usual);
         self.refine(&mut ended, pose)?;
         self.fall_back(&mut ended, pose)?;
+        self.try_between(&ended, pose)?;
         if let (Err(Error::NotConverged { advice, .. }), Some(doubt)) = (&mut ended, self.pad.doubt()) {
             *advice = format!("{doubt}; or, {advice}");
         }

@@ -110,7 +110,15 @@ impl Resolution {
         }
         let now = Grid::blocks(size[0], self.cell_mm);
         let times = (stated / wanted).powf(1.0 / ORDER).min(LARGEST_STEP);
-        let blocks = ((now as f64 * times).ceil() as usize).max(now + 1);
+        self.of_blocks(size, ((now as f64 * times).ceil() as usize).max(now + 1))
+    }
+
+    /// The next finer cells on a pad of `size` mm; nothing where they would be too many.
+    pub fn next_finer(&self, size: [f64; 3]) -> Option<Self> {
+        self.of_blocks(size, Grid::blocks(size[0], self.cell_mm) + 1)
+    }
+
+    fn of_blocks(&self, size: [f64; 3], blocks: usize) -> Option<Self> {
         let cell_mm = size[0] / (16 * blocks) as f64;
         let cells = 16.0 * blocks as f64 * (size[1] / cell_mm);
         (cells <= MOST_CELLS as f64).then_some(Self { cell_mm, ..*self })

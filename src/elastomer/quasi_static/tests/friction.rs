@@ -245,6 +245,34 @@ fn a_turn_takes_the_same_torque_over_any_cells() {
 }
 
 #[test]
+fn a_crescent_that_is_drawn_through_the_face_turns_on_with_cells_a_little_finer() {
+    use crate::indenter::spec::{Plan, Shape};
+    use crate::indenter::{IndenterSpec, from_spec};
+    let plan = Plan::Crescent { outer_diameter_mm: 7.0, cut_diameter_mm: 5.41, cut_offset_mm: 1.703 };
+    let shape = Shape::Flat { plan };
+    let spec = IndenterSpec { description: String::new(), edge_round_mm: 0.3, height_mm: 8.0, shape };
+    let moon = from_spec("moon", &spec, None).expect("a sound body");
+    let settings = settings(Friction::Coefficient(0.5));
+    let start = Pose::new(0.0, 0.0, 0.3, 0.0);
+    let mut s = QuasiStaticSolver::new(&pad(Law::NeoHookean), &settings, moon, &start).expect("in range");
+    // As if cells of 0.25 mm had already been in vain: they find no equilibrium at 15 degrees.
+    s.advance(&Pose::new(0.0, 0.0, -0.5, 0.0)).expect("an easy press");
+    s.refined_in_vain = true;
+    let at = |theta_deg: f64| Pose::new(0.0, 0.0, -0.5, theta_deg);
+    s.advance(&at(15.0)).expect("an easy turn");
+    let coarse_mm = s.finest().grid().hx;
+    s.go(&at(30.0), &FINEST).expect("an equilibrium");
+    assert!(s.stated_error(UNRESOLVED) > UNRESOLVED, "{coarse_mm} mm do");
+    s.advance(&at(30.0)).expect("cells between");
+    let capture = s.capture(101, 101).expect("a lattice");
+    let (stated, cell_mm) = (capture.stats.estimated_error, s.finest().grid().hx);
+    assert!(stated.is_some_and(|e| e < 0.03) && cell_mm < 0.9 * coarse_mm, "{stated:?} over {cell_mm} mm");
+    // Over cells of 0.21 mm.
+    let torque_n_mm = capture.forces.torque_n_mm;
+    assert!((torque_n_mm / -1.347 - 1.0).abs() < 0.03, "{torque_n_mm} N mm");
+}
+
+#[test]
 fn no_fold_of_the_face_is_drawn_through_a_narrow_body() {
     use crate::indenter::spec::Shape;
     use crate::indenter::{IndenterSpec, from_spec};
