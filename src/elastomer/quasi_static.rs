@@ -85,8 +85,9 @@ pub struct QuasiStaticSolver {
     resolution: Resolution,
     /// Stated error that needs no finer cells, relative to depth; absent where the resolution was given.
     wanted: Option<f64>,
-    /// Whether finer cells have failed since the pad was last at rest: another try would begin with the same way.
-    refined_in_vain: bool,
+    /// The widest of finer cells that have failed since the pad was last at rest, mm, if any have: another try with cells as fine
+    /// would begin with the same way.
+    vain_mm: Option<f64>,
     /// Where the pad was last at rest, and the waypoints since then.
     path: Vec<Pose>,
     pad: Body,
@@ -148,7 +149,7 @@ impl QuasiStaticSolver {
         let mut solver = Self {
             levels,
             unrefined: None,
-            refined_in_vain: false,
+            vain_mm: None,
             resolution,
             wanted,
             path: vec![*start],
@@ -313,7 +314,7 @@ impl Elastomer for QuasiStaticSolver {
         Box::new(Self {
             levels: self.levels.iter().map(Step::fork).collect(),
             unrefined: self.unrefined.as_ref().map(|levels| levels.iter().map(Step::fork).collect()),
-            refined_in_vain: self.refined_in_vain,
+            vain_mm: self.vain_mm,
             resolution: self.resolution,
             wanted: self.wanted,
             path: self.path.clone(),

@@ -2,8 +2,9 @@
 //!
 //! A tolerance picks cells that meet it for smooth bodies ([`Resolution::for_tolerance`]). Flat bodies with edges have
 //! twice the error or more, and narrow ones fall between the cells. Every answer states its error, so a way that
-//! states too much is gone again. Finer cells that find no equilibrium are not tried again before rest; where those of a
-//! press find none for a drag, it is dragged with the cells that it began with, and where these are of no use, with the next finer.
+//! states too much is gone again. Cells that find no equilibrium, and finer ones, are not tried again before rest; where those of a
+//! press find none for a drag, it is dragged with the cells that it began with, and where these are of no use, with the next finer, if
+//! they are wider than those that failed.
 
 use super::cascade::{FINEST, REFINED, Step, rest_at};
 use super::resolution::Resolution;
@@ -26,6 +27,8 @@ const WORTHWHILE_LATER: f64 = 8.0 / 3.0;
 const WORTHWHILE_IN_A_DRAG: f64 = 1.5;
 /// Cells over finer ones that are worth a guess of their own.
 const WORTH_A_GUESS: f64 = 1.6;
+/// Cells whose widths differ by less are as fine, mm.
+const ROUNDING_MM: f64 = 1e-9;
 /// A stated error with which an answer is none.
 pub const UNRESOLVED: f64 = 0.2;
 /// A stated error with which the splines are a ground for the relief to stand on.
@@ -42,9 +45,7 @@ impl QuasiStaticSolver {
     /// # Errors
     /// [`Error::Interrupted`]; that finer cells failed is not one, for how it `ended` without them stands.
     pub(super) fn refine(&mut self, ended: &mut Result<(), Error>, pose: &Pose) -> Result<(), Error> {
-        while let (Some(wanted), Some(acceptable), false) =
-            (self.wanted, self.acceptable(), self.refined_in_vain)
-        {
+        while let (Some(wanted), Some(acceptable), None) = (self.wanted, self.acceptable(), self.vain_mm) {
             let stated = match ended {
                 Ok(()) => self.stated_error(acceptable),
                 Err(Error::NotConverged { .. }) => f64::INFINITY,
@@ -58,7 +59,7 @@ impl QuasiStaticSolver {
                 Ok(()) => *ended = Ok(()),
                 Err(stopped @ Error::Interrupted) => return Err(stopped),
                 // The coarser answer, if there is one, states its error.
-                Err(_) => self.refined_in_vain = true,
+                Err(_) => self.vain_mm = Some(finer.cell_mm),
             }
         }
         Ok(())
@@ -99,7 +100,7 @@ impl QuasiStaticSolver {
     }
 
     /// Follows the way since rest with the levels that it was begun with, where finer ones have `ended` without an equilibrium in a
-    /// drag to `pose`. When they find none either, all is as it was.
+    /// drag to `pose`. When they find none either, or come through an answer that is none, all is as it was.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
@@ -112,10 +113,19 @@ impl QuasiStaticSolver {
         let resolution = self.resolution;
         self.leave_refined();
         let path = self.path.clone();
-        match path[1..].iter().chain([pose]).try_for_each(|p| self.go(p, &FINEST)) {
+        let mut is_sound = true;
+        let along = path[1..].iter().try_for_each(|p| {
+            self.go(p, &FINEST)?;
+            is_sound &= self.stated_error(UNRESOLVED) <= UNRESOLVED;
+            Ok(())
+        });
+        match along.and_then(|()| if is_sound { self.go(pose, &FINEST) } else { Ok(()) }) {
             Err(stopped @ Error::Interrupted) => return Err(stopped),
-            Ok(()) => (*ended, self.refined_in_vain) = (Ok(()), true),
-            Err(_) => {
+            Ok(()) if is_sound => {
+                *ended = Ok(());
+                self.vain_mm = Some(self.vain_mm.map_or(resolution.cell_mm, |mm| mm.max(resolution.cell_mm)));
+            }
+            _ => {
                 self.unrefined = Some(std::mem::replace(&mut self.levels, finer));
                 self.resolution = resolution;
             }
@@ -123,25 +133,32 @@ impl QuasiStaticSolver {
         Ok(())
     }
 
-    /// Follows the way since rest with cells that are but a little finer, where a drag with friction has ended in an answer that is
-    /// none, and much finer ones were in vain. When they find none either, all is as it was. (A crescent that turns with friction
-    /// 0.5: cells of 0.25 mm find no equilibrium at 15 degrees, over those of 0.42 mm it is drawn through the face at 30, with those
-    /// of 0.31 it turns on.)
+    /// Follows the way since rest with the next finer cells, where a drag with friction has ended in an answer that is none, and finer
+    /// ones than these were in vain. When they find no equilibrium either, all is as it was. (A crescent that turns with friction 0.5:
+    /// cells of 0.25 mm find no equilibrium at 15 degrees, over those of 0.42 mm it is drawn through the face at 30, with those of 0.31
+    /// it turns on.)
     ///
     /// # Errors
     /// [`Error::Interrupted`].
     pub(super) fn try_between(&mut self, ended: &Result<(), Error>, pose: &Pose) -> Result<(), Error> {
         let rubs = self.pad.friction != Friction::Coefficient(0.0) && !self.finest().straight_down();
-        let in_vain = self.wanted.is_some() && self.refined_in_vain && self.unrefined.is_none();
-        if ended.is_err() || !rubs || !in_vain || self.stated_error(UNRESOLVED) <= UNRESOLVED {
+        let (true, true, None, Some(_), Some(vain_mm)) =
+            (ended.is_ok(), rubs, &self.unrefined, self.wanted, self.vain_mm)
+        else {
+            return Ok(());
+        };
+        let next = self.resolution.next_finer(self.pad.size_mm);
+        let Some(next) = next.filter(|next| next.cell_mm > vain_mm + ROUNDING_MM) else { return Ok(()) };
+        if self.stated_error(UNRESOLVED) <= UNRESOLVED {
             return Ok(());
         }
-        let Some(finer) = self.resolution.next_finer(self.pad.size_mm) else { return Ok(()) };
-        match self.again_finer(finer, pose) {
-            Err(stopped @ Error::Interrupted) => Err(stopped),
+        match self.again_finer(next, pose) {
+            Err(stopped @ Error::Interrupted) => return Err(stopped),
             // The coarser answer states its error.
-            Ok(()) | Err(_) => Ok(()),
+            Err(_) => self.vain_mm = Some(next.cell_mm),
+            Ok(()) => (),
         }
+        Ok(())
     }
 
     /// Back to the levels of the beginning, at rest.
@@ -198,7 +215,7 @@ impl QuasiStaticSolver {
             return;
         }
         self.path = vec![*pose];
-        self.refined_in_vain = false;
+        self.vain_mm = None;
         self.leave_refined();
     }
 }

@@ -46,6 +46,35 @@ fn smoothing_keeps_what_is_level_and_takes_what_is_short() {
 }
 
 #[test]
+fn smoothing_is_a_gaussian_along_either_side_mirrored_at_its_ends() {
+    // The second is narrower than the kernel reaches.
+    for (size, deviation) in [([23, 37], [1.3, 2.1]), ([5, 19], [2.4, 0.9])] {
+        let [nx, ny] = size;
+        let given: Vec<f32> = (0..nx * ny).map(|k| ((k * k * 31 + 7 * k) % 97) as f32).collect();
+        let mirrored = |at: i64, n: usize| {
+            let period = 2 * (n as i64 - 1);
+            let at = at.rem_euclid(period);
+            at.min(period - at) as usize
+        };
+        let weighed = |deviation: f64, value: &dyn Fn(i64) -> f64| {
+            let reach = (4.0 * deviation).ceil() as i64;
+            let weight = |k: i64| (-0.5 * (k as f64 / deviation).powi(2)).exp();
+            let sum: f64 = (-reach..=reach).map(|k| weight(k) * value(k)).sum();
+            sum / (-reach..=reach).map(weight).sum::<f64>()
+        };
+        let along_x = |i: usize, j: usize| {
+            weighed(deviation[0], &|k| f64::from(given[j * nx + mirrored(i as i64 + k, nx)]))
+        };
+        let mut field = given.clone();
+        smooth(&mut field, size, deviation);
+        for (k, v) in field.iter().enumerate() {
+            let truth = weighed(deviation[1], &|d| along_x(k % nx, mirrored((k / nx) as i64 + d, ny)));
+            assert!((f64::from(*v) - truth).abs() < 1e-3, "{size:?}, {k}: {v}, not {truth}");
+        }
+    }
+}
+
+#[test]
 fn a_lattice_is_refined_to_four_points_a_cell_and_left_alone_where_it_is_coarse() {
     assert_eq!(finer([0.1, 0.1], [0.46, 0.46]), Some([1, 1]));
     assert_eq!(finer([0.4, 0.2], [0.46, 0.46]), Some([4, 2]));

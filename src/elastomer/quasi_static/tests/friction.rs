@@ -253,17 +253,22 @@ fn a_crescent_that_is_drawn_through_the_face_turns_on_with_cells_a_little_finer(
     let spec = IndenterSpec { description: String::new(), edge_round_mm: 0.3, height_mm: 8.0, shape };
     let moon = from_spec("moon", &spec, None).expect("a sound body");
     let settings = settings(Friction::Coefficient(0.5));
-    let start = Pose::new(0.0, 0.0, 0.3, 0.0);
-    let mut s = QuasiStaticSolver::new(&pad(Law::NeoHookean), &settings, moon, &start).expect("in range");
-    // As if cells of 0.25 mm had already been in vain: they find no equilibrium at 15 degrees.
-    s.advance(&Pose::new(0.0, 0.0, -0.5, 0.0)).expect("an easy press");
-    s.refined_in_vain = true;
-    let at = |theta_deg: f64| Pose::new(0.0, 0.0, -0.5, theta_deg);
-    s.advance(&at(15.0)).expect("an easy turn");
-    let coarse_mm = s.finest().grid().hx;
-    s.go(&at(30.0), &FINEST).expect("an equilibrium");
-    assert!(s.stated_error(UNRESOLVED) > UNRESOLVED, "{coarse_mm} mm do");
-    s.advance(&at(30.0)).expect("cells between");
+    let at = |z_mm: f64, theta_deg: f64| Pose::new(0.0, 0.0, z_mm, theta_deg);
+    // As if cells so wide had been in vain before it turns: those of 0.25 mm find no equilibrium at 15 degrees.
+    let turned = |vain_mm: f64| {
+        let mut s = QuasiStaticSolver::new(&pad(Law::NeoHookean), &settings, moon.clone(), &at(0.3, 0.0))
+            .expect("in range");
+        s.advance(&at(-0.5, 0.0)).expect("an easy press");
+        s.vain_mm = Some(vain_mm);
+        s.advance(&at(-0.5, 15.0)).expect("an easy turn");
+        let coarse_mm = s.finest().grid().hx;
+        (s.advance(&at(-0.5, 30.0)), s, coarse_mm)
+    };
+    // Where the next finer cells are no wider, nothing is left to be tried.
+    let (refused, ..) = turned(0.3125);
+    assert!(matches!(refused, Err(Error::Unresolved { stated, .. }) if stated > UNRESOLVED), "{refused:?}");
+    let (ended, mut s, coarse_mm) = turned(0.25);
+    ended.expect("cells between");
     let capture = s.capture(101, 101).expect("a lattice");
     let (stated, cell_mm) = (capture.stats.estimated_error, s.finest().grid().hx);
     assert!(stated.is_some_and(|e| e < 0.03) && cell_mm < 0.9 * coarse_mm, "{stated:?} over {cell_mm} mm");
