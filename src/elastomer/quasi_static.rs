@@ -60,7 +60,7 @@ use body::Body;
 pub(super) use body::check;
 use cascade::{FINEST, Patience, REFINED, Step, follow, rest_at};
 use level::Level;
-use refinement::{OF_USE, UNRESOLVED};
+use refinement::OF_USE;
 use relief::Splined;
 pub use resolution::Resolution;
 use std::sync::Arc;
@@ -200,11 +200,7 @@ impl QuasiStaticSolver {
             *advice = format!("{doubt}; or, {advice}");
         }
         ended?;
-        let stated = self.stated_error(UNRESOLVED);
-        if self.wanted.is_some() && stated > UNRESOLVED {
-            let cell_mm = self.finest().grid().hx;
-            return Err(Error::Unresolved { pose: *pose, stated, allowed: UNRESOLVED, cell_mm });
-        }
+        self.resolved(pose)?;
         self.arrive(pose);
         Ok(())
     }

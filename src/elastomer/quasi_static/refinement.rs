@@ -30,7 +30,7 @@ const WORTH_A_GUESS: f64 = 1.6;
 /// Cells whose widths differ by less are as fine, mm.
 const ROUNDING_MM: f64 = 1e-9;
 /// A stated error with which an answer is none.
-pub const UNRESOLVED: f64 = 0.2;
+const UNRESOLVED: f64 = 0.2;
 /// A stated error with which the splines are a ground for the relief to stand on.
 pub const OF_USE: f64 = UNRESOLVED / 2.0;
 
@@ -79,6 +79,19 @@ impl QuasiStaticSolver {
         in_relief.map_or(splined, |stated| stated.min(splined))
     }
 
+    /// Whether what is at `pose` is an answer.
+    ///
+    /// # Errors
+    /// [`Error::Unresolved`] where cells that were picked for a tolerance state more than any use allows.
+    pub(super) fn resolved(&self, pose: &Pose) -> Result<(), Error> {
+        let stated = self.stated_error(UNRESOLVED);
+        if self.wanted.is_some() && stated > UNRESOLVED {
+            let cell_mm = self.finest().grid().hx;
+            return Err(Error::Unresolved { pose: *pose, stated, allowed: UNRESOLVED, cell_mm });
+        }
+        Ok(())
+    }
+
     /// Stated error beyond which finer cells are tried.
     fn acceptable(&self) -> Option<f64> {
         let dragged = !self.finest().straight_down() && self.pad.friction != Friction::Coefficient(0.0);
@@ -113,19 +126,15 @@ impl QuasiStaticSolver {
         let resolution = self.resolution;
         self.leave_refined();
         let path = self.path.clone();
-        let mut is_sound = true;
-        let along = path[1..].iter().try_for_each(|p| {
+        let again = path[1..].iter().try_for_each(|p| {
             self.go(p, &FINEST)?;
-            is_sound &= self.stated_error(UNRESOLVED) <= UNRESOLVED;
-            Ok(())
+            self.resolved(p)
         });
-        match along.and_then(|()| if is_sound { self.go(pose, &FINEST) } else { Ok(()) }) {
+        match again.and_then(|()| self.go(pose, &FINEST)) {
             Err(stopped @ Error::Interrupted) => return Err(stopped),
-            Ok(()) if is_sound => {
-                *ended = Ok(());
-                self.vain_mm = Some(self.vain_mm.map_or(resolution.cell_mm, |mm| mm.max(resolution.cell_mm)));
-            }
-            _ => {
+            // (Wider than what was in vain before: that was finer than these.)
+            Ok(()) => (*ended, self.vain_mm) = (Ok(()), Some(resolution.cell_mm)),
+            Err(_) => {
                 self.unrefined = Some(std::mem::replace(&mut self.levels, finer));
                 self.resolution = resolution;
             }
@@ -142,14 +151,12 @@ impl QuasiStaticSolver {
     /// [`Error::Interrupted`].
     pub(super) fn try_between(&mut self, ended: &Result<(), Error>, pose: &Pose) -> Result<(), Error> {
         let rubs = self.pad.friction != Friction::Coefficient(0.0) && !self.finest().straight_down();
-        let (true, true, None, Some(_), Some(vain_mm)) =
-            (ended.is_ok(), rubs, &self.unrefined, self.wanted, self.vain_mm)
-        else {
+        let (true, true, None, Some(vain_mm)) = (ended.is_ok(), rubs, &self.unrefined, self.vain_mm) else {
             return Ok(());
         };
         let next = self.resolution.next_finer(self.pad.size_mm);
         let Some(next) = next.filter(|next| next.cell_mm > vain_mm + ROUNDING_MM) else { return Ok(()) };
-        if self.stated_error(UNRESOLVED) <= UNRESOLVED {
+        if self.resolved(pose).is_ok() {
             return Ok(());
         }
         match self.again_finer(next, pose) {

@@ -266,7 +266,10 @@ fn a_crescent_that_is_drawn_through_the_face_turns_on_with_cells_a_little_finer(
     };
     // Where the next finer cells are no wider, nothing is left to be tried.
     let (refused, ..) = turned(0.3125);
-    assert!(matches!(refused, Err(Error::Unresolved { stated, .. }) if stated > UNRESOLVED), "{refused:?}");
+    assert!(
+        matches!(refused, Err(Error::Unresolved { stated, allowed, .. }) if stated > allowed),
+        "{refused:?}"
+    );
     let (ended, mut s, coarse_mm) = turned(0.25);
     ended.expect("cells between");
     let capture = s.capture(101, 101).expect("a lattice");
