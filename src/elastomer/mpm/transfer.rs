@@ -148,7 +148,7 @@ fn gather_one<L: Lanes>(
     wz: [f32; 3],
     row: impl Fn(usize) -> L,
 ) -> L {
-    let [z0, z1, z2] = wz.map(L::fill);
+    let [z0, z1, z2] = [L::fill(wz[0]), L::fill(wz[1]), L::fill(wz[2])];
     let mut rows = [L::fill(0.0); 3];
     let mut along_z = [L::fill(0.0); 3];
     for j in 0..3 {
@@ -157,7 +157,7 @@ fn gather_one<L: Lanes>(
         rows[j] = n1.mul_add(z1, n2.mul_add(z2, t0));
         along_z[j] = n2.mul_sub(z2, t0);
     }
-    let [y0, y1, y2] = wy.map(L::fill);
+    let [y0, y1, y2] = [L::fill(wy[0]), L::fill(wy[1]), L::fill(wy[2])];
     let t0 = rows[0] * y0;
     let sum = rows[1].mul_add(y1, rows[2].mul_add(y2, t0));
     let along_y = rows[2].mul_sub(y2, t0);

@@ -393,8 +393,9 @@ fn sweep<L: Lanes, W: CellWork<L>>(
                                     let p = &grad[gx + 2 * gy + 4 * gz][c];
                                     let v = L::splat(value[gz][a] * weight);
                                     let s = L::splat(slope[gz][a] * weight);
-                                    let [dx, dy, of] = [&mut layer.dx, &mut layer.dy, &mut layer.value]
-                                        .map(|field| &mut field[c][gx][gy]);
+                                    let dx = &mut layer.dx[c][gx][gy];
+                                    let dy = &mut layer.dy[c][gx][gy];
+                                    let of = &mut layer.value[c][gx][gy];
                                     if first && gz == 0 {
                                         (*dx, *dy, *of) = (p[0].mul(v), p[1].mul(v), p[2].mul(s));
                                     } else {
@@ -431,8 +432,9 @@ fn read_layer<L: Lanes>(op: &Operator, u: &[f32], k: usize, j: usize, i0: usize,
                 let (v, d) = (mix(&t.x[0][gx]), mix(&t.x[1][gx]));
                 for gy in 0..2 {
                     let (wv, wd) = (L::splat(t.y[0][gy][b]), L::splat(t.y[1][gy][b]));
-                    let [dx, dy, of] =
-                        [&mut out.dx, &mut out.dy, &mut out.value].map(|field| &mut field[c][gx][gy]);
+                    let dx = &mut out.dx[c][gx][gy];
+                    let dy = &mut out.dy[c][gx][gy];
+                    let of = &mut out.value[c][gx][gy];
                     if b == 0 {
                         (*dx, *dy, *of) = (d.mul(wv), v.mul(wd), v.mul(wv));
                     } else {

@@ -122,12 +122,16 @@ pub struct Cells<'a> {
     pub closely: bool,
 }
 
-/// The untouched sensor's light, in a picture at a place.
-pub struct Untouched<S, G> {
-    /// Walls low over the face.
-    pub sky: S,
-    /// Irradiance of the face there.
-    pub ground: G,
+/// The untouched sensor at a place. (Looked up behind pointers: each function that the large loops over cells were compiled for
+/// would be a copy of them.)
+#[derive(Clone, Copy)]
+pub struct Untouched<'a> {
+    /// Walls low over the face, in a picture.
+    pub sky: &'a (dyn Fn(usize, Vec3) -> [f32; skyline::NUMBERS] + Sync),
+    /// Irradiance of the face there, in a picture.
+    pub ground: &'a (dyn Fn(usize, Vec3) -> Vec3 + Sync),
+    /// The face's normal.
+    pub normal: &'a (dyn Fn(Vec3) -> Vec3 + Sync),
 }
 
 /// What a press changes.
@@ -213,7 +217,8 @@ impl Cells<'_> {
         })
     }
 
-    fn means(&self, ground: &impl Fn(usize, Vec3) -> Vec3, rest: &impl Fn(Vec3) -> Vec3) -> Means {
+    fn means(&self, untouched: Untouched<'_>) -> Means {
+        let Untouched { ground, normal: rest, .. } = untouched;
         let [nx, ny] = self.size;
         let stride = nx.next_multiple_of(WIDTH) + 2 * MARGIN;
         let beside = beside(self.edge_mm);
@@ -312,7 +317,7 @@ impl Cells<'_> {
     }
 
     /// Puts what is known of the pad beside the picture into its cells.
-    fn put_beside(&self, means: &mut Means, ground: &impl Fn(usize, Vec3) -> Vec3) {
+    fn put_beside(&self, means: &mut Means, ground: &dyn Fn(usize, Vec3) -> Vec3) {
         for (k, cell) in self.unseen_beside() {
             let from = means.at(0, 0) as isize + cell.at[1] * means.stride as isize + cell.at[0];
             let at = from as usize;
@@ -444,23 +449,15 @@ impl Cells<'_> {
         (squares * count).sqrt() / sum.max(1e-12)
     }
 
-    /// What a press changes. `untouched` gives the light of the untouched sensor in a picture at a place, `rest` the normal of its face.
-    /// What a cell sees is found once for all pictures.
-    pub fn changes(
-        &self,
-        untouched: Untouched<
-            impl Fn(usize, Vec3) -> [f32; skyline::NUMBERS] + Sync,
-            impl Fn(usize, Vec3) -> Vec3 + Sync,
-        >,
-        rest: impl Fn(Vec3) -> Vec3 + Sync,
-    ) -> Changes {
+    /// What a press changes. What a cell sees is found once for all pictures.
+    pub fn changes(&self, untouched: Untouched<'_>) -> Changes {
         let ([nx, _], films, numbers) = (self.size, self.lights.len(), self.numbers());
-        let mut means = self.means(&untouched.ground, &rest);
+        let mut means = self.means(untouched);
         let mut gains = vec![Vec3::ONE; self.cells.len() * numbers];
         if self.flanks.contains(&true) {
             gains.par_chunks_mut(nx * numbers).enumerate().for_each(|(j, out)| {
                 if self.flanks[j * nx..][..nx].contains(&true) {
-                    let (cells, means, sky) = (self, &means, &untouched.sky);
+                    let (cells, means, sky) = (self, &means, untouched.sky);
                     Row { cells, means, sky, j, out, pass: Pass::Flanks }.work();
                 }
             });
@@ -478,7 +475,7 @@ impl Cells<'_> {
                 .enumerate()
                 .for_each(|(k, (out, sent))| {
                     for (j, out) in out.chunks_mut(nx * numbers).enumerate() {
-                        let (cells, sky, pass) = (self, &untouched.sky, Pass::All { sent });
+                        let (cells, sky, pass) = (self, untouched.sky, Pass::All { sent });
                         Row { cells, means, sky, j: self.sending * k + j, out, pass }.work();
                     }
                 });
@@ -501,7 +498,7 @@ impl Cells<'_> {
         let Some(echo) = self.echo else {
             return Changes { gains: self.packing.unpack(gains), echoed: vec![0.0; traces::count(lights)] };
         };
-        self.send_unseen(&untouched.ground, &rest, &mut sent);
+        self.send_unseen(untouched, &mut sent);
         let answers = echo.answers(&echo.reached(&sent, self.lost, films));
         let echoes = gains.par_iter_mut().zip(&answers).enumerate();
         let echoes = echoes.map(|(film, (gains, answer))| self.echo(&means, film, answer, gains));
@@ -517,17 +514,12 @@ impl Cells<'_> {
     }
 
     /// Adds what is sent by what is not seen, as from the nearest cell of the picture.
-    fn send_unseen(
-        &self,
-        ground: &(impl Fn(usize, Vec3) -> Vec3 + Sync),
-        rest: &(impl Fn(Vec3) -> Vec3 + Sync),
-        sent: &mut [Vec3],
-    ) {
+    fn send_unseen(&self, untouched: Untouched<'_>, sent: &mut [Vec3]) {
         let films = self.lights.len();
         let of_cells = self.unseen.par_chunks(WIDTH).enumerate();
         let of_cells: Vec<hidden::Sent> = of_cells
             .map(|(chunk, unseen)| {
-                with_widest(Hidden { cells: self, first: chunk * WIDTH, unseen, ground, rest })
+                with_widest(Hidden { cells: self, first: chunk * WIDTH, unseen, untouched })
             })
             .collect();
         let columns = self.size[0].div_ceil(self.sending);

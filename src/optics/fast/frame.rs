@@ -254,7 +254,7 @@ impl Frame<'_> {
             };
             let grounds = if lights.len() == 1 { &self.once.grounds[..1] } else { &self.once.grounds[1..] };
             let untouched = Untouched {
-                sky: |film: usize, p: Vec3| match packing {
+                sky: &|film: usize, p: Vec3| match packing {
                     Packing::Apart => skylines[film].at(p),
                     Packing::Grey(lamps) => {
                         let mut numbers = [0.0; skyline::NUMBERS];
@@ -268,7 +268,7 @@ impl Frame<'_> {
                     }
                 },
                 // (Under the table it holds what it has at the untouched face.)
-                ground: |film: usize, p: Vec3| {
+                ground: &|film: usize, p: Vec3| {
                     let of = |lamp: usize| Vec3::from(grounds[lamp].at(p.with_z(f32::MIN)));
                     match packing {
                         Packing::Apart => of(film),
@@ -277,8 +277,9 @@ impl Frame<'_> {
                         }
                     }
                 },
+                normal: &|p| self.once.total.rest_normal(p),
             };
-            let changes = cells.changes(untouched, |p| self.once.total.rest_normal(p));
+            let changes = cells.changes(untouched);
             let pressed = Pressed {
                 view: &self.once.view,
                 heights: self.heights,

@@ -3,7 +3,7 @@
 use super::elevation::{own_plane, weight};
 use super::row::{Horizons, ahead};
 use super::sender::Sender;
-use super::{Cells, DIRECTIONS, Unseen};
+use super::{Cells, DIRECTIONS, Unseen, Untouched};
 use crate::optics::fast::echo;
 use crate::optics::fast::horizon::Stand;
 use crate::optics::fast::lanes::{Eight, Vectors, WIDTH, Work, lanes};
@@ -13,24 +13,22 @@ use glam::Vec3;
 const LOWEST: f32 = -10.0;
 
 /// Up to eight of those cells, the first of which is cell `first` of all.
-pub struct Hidden<'a, G, N> {
+pub struct Hidden<'a> {
     pub cells: &'a Cells<'a>,
     pub first: usize,
     pub unseen: &'a [Unseen],
-    /// Irradiance of the untouched face, in a picture at a place, and its normal.
-    pub ground: &'a G,
-    pub rest: &'a N,
+    pub untouched: Untouched<'a>,
 }
 
 /// By cell and picture, what it sends into each direction.
 pub type Sent = Vec<[Vec3; echo::DIRECTIONS]>;
 
-impl<G: Fn(usize, Vec3) -> Vec3, N: Fn(Vec3) -> Vec3> Work for Hidden<'_, G, N> {
+impl Work for Hidden<'_> {
     type Output = Sent;
 
     #[inline(always)]
     fn run(self) -> Sent {
-        let Self { cells, first, unseen, ground, rest } = self;
+        let Self { cells, first, unseen, untouched: Untouched { ground, normal: rest, .. } } = self;
         let of = |k: usize| &unseen[k.min(unseen.len() - 1)];
         let normals: [Vec3; WIDTH] = std::array::from_fn(|k| of(k).normal);
         let rests: [Vec3; WIDTH] = std::array::from_fn(|k| rest(of(k).position));

@@ -29,11 +29,11 @@ const STEEP: f32 = 0.7;
 const CLEAR: f32 = 100.0;
 
 /// A row of cells.
-pub struct Row<'a, S> {
+pub struct Row<'a> {
     pub cells: &'a Cells<'a>,
     pub means: &'a Means,
     /// The untouched sensor's walls, in a picture at a place.
-    pub sky: &'a S,
+    pub sky: &'a (dyn Fn(usize, Vec3) -> [f32; skyline::NUMBERS] + Sync),
     pub j: usize,
     /// Gains, picture by picture, and what changes with height.
     pub out: &'a mut [Vec3],
@@ -49,9 +49,9 @@ pub enum Pass<'a> {
 }
 
 /// A row of a pad with or without flanks: what only they need costs others nothing.
-struct OfPad<'a, S, const FLANKS: bool>(Row<'a, S>);
+struct OfPad<'a, const FLANKS: bool>(Row<'a>);
 
-impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS], const FLANKS: bool> Work for OfPad<'_, S, FLANKS> {
+impl<const FLANKS: bool> Work for OfPad<'_, FLANKS> {
     type Output = ();
 
     #[inline(always)]
@@ -63,12 +63,12 @@ impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS], const FLANKS: bool> Work for
 /// By direction: the slope below which the pad is seen, and the weight of what is.
 pub type Horizons = [[Eight; 2]; DIRECTIONS];
 
-impl<S: Fn(usize, Vec3) -> [f32; skyline::NUMBERS]> Row<'_, S> {
+impl Row<'_> {
     /// Works on the row.
     pub fn work(self) {
         match self.means.tilts.is_empty() {
-            true => with_widest(OfPad::<S, false>(self)),
-            false => with_widest(OfPad::<S, true>(self)),
+            true => with_widest(OfPad::<false>(self)),
+            false => with_widest(OfPad::<true>(self)),
         }
     }
 

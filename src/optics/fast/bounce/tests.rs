@@ -2,6 +2,10 @@ use super::*;
 
 static NO_TILTS: Tilts = Tilts::NONE;
 
+/// No walls over a level face without light.
+const DARK: Untouched<'static> =
+    Untouched { sky: &|_, _| [0.0; skyline::NUMBERS], ground: &|_, _| Vec3::ZERO, normal: &|_| Vec3::Z };
+
 /// White cells seen from high above.
 fn white<'a>(
     size: [usize; 2],
@@ -98,12 +102,10 @@ fn a_step_lights_its_foot_by_its_form_factor() {
             cells.iter().map(|c| Vec3::splat(if c.position.z > 0.0 { c.area } else { 1e-3 })).collect();
         let lights = [light.clone(), light.iter().map(|l| *l * 2.0).collect()];
         let all = white([nx, ny], edge, &cells, &lights, &pad, extent);
-        let dark = || Untouched { sky: |_, _| [0.0; skyline::NUMBERS], ground: |_, _| Vec3::ZERO };
-        let rest = |_| Vec3::Z;
-        let gains = all.changes(dark(), rest).gains;
+        let gains = all.changes(DARK).gains;
         // (The change is told as part of the light that is there, which is bounded: brighter ground is changed less.)
         let bright = [cells.iter().map(|c| Vec3::splat(c.area)).collect()];
-        let of_bright = Cells { lights: &bright, ..all }.changes(dark(), rest).gains;
+        let of_bright = Cells { lights: &bright, ..all }.changes(DARK).gains;
         // An endless wall of height h at distance d fills (1 - cos(atan(h/d)))/2 of the floor's view.
         for i in [foot - 20, foot - 12, foot - 5, foot - 3, foot - 2, foot - 1] {
             let k = 40 * nx + i;
@@ -133,9 +135,8 @@ fn from_afar_a_wall_is_seen_and_not_what_is_behind_it() {
     let light = |c: &Cell| Vec3::splat(if c.position.z == 1.0 { 1e-3 } else { c.area });
     let lights = [cells.iter().map(light).collect()];
     let all = white([nx, ny], edge, &cells, &lights, &pad, extent);
-    let dark = || Untouched { sky: |_, _| [0.0; skyline::NUMBERS], ground: |_, _| Vec3::ZERO };
     for closely in [true, false] {
-        let gains = Cells { closely, ..all }.changes(dark(), |_| Vec3::Z).gains;
+        let gains = Cells { closely, ..all }.changes(DARK).gains;
         // (From farther away the ends of the wall are in view.)
         for i in (2..=20).map(|away| foot - away) {
             let d = edge_x - cells[40 * nx + i].position.x;
@@ -159,7 +160,6 @@ fn a_foot_sees_the_low_part_of_a_flank() {
     // The floor is brighter than the wall, whose light changes with height.
     let light = |c: &Cell| Vec3::splat(if c.position.z > 0.0 { c.area } else { 2.0 * c.area });
     let lights = [cells.iter().map(light).collect()];
-    let dark = || Untouched { sky: |_, _| [0.0; skyline::NUMBERS], ground: |_, _| Vec3::ZERO };
     // (What is reflected once is small beside the light, so what is reflected again is nothing.)
     let albedo = 0.01;
     for by_mm in [-0.8, 0.0, 0.8] {
@@ -171,7 +171,7 @@ fn a_foot_sees_the_low_part_of_a_flank() {
         };
         let all = white([nx, ny], edge, &cells, &lights, &pad, extent);
         let all = Cells { flanks: &flanks, tilts: &tilts, albedo: Vec3::splat(albedo), ..all };
-        let gains = all.changes(dark(), |_| Vec3::Z).gains;
+        let gains = all.changes(DARK).gains;
         for i in [foot - 8, foot - 5, foot - 3, foot - 2, foot - 1] {
             let k = 40 * nx + i;
             let d = edge_x - cells[k].position.x;
@@ -200,8 +200,7 @@ fn a_leaning_plane_sees_nothing_of_itself() {
     let extent = [Vec2::new(0.0, -8.0), Vec2::new(10.0, 0.0)];
     let pad = heights(extent, |p| 0.9 * p.x - 0.4 * p.y);
     let all = white([nx, ny], edge, &cells, &lights, &pad, extent);
-    let dark = || Untouched { sky: |_, _| [0.0; skyline::NUMBERS], ground: |_, _| Vec3::ZERO };
-    for gain in &all.changes(dark(), |_| Vec3::Z).gains[0] {
+    for gain in &all.changes(DARK).gains[0] {
         assert!((*gain - Vec3::ONE).abs().max_element() < 1e-3, "{gain}");
     }
 }
@@ -227,8 +226,7 @@ fn a_fold_lights_itself_by_its_angle() {
     let pad = heights(extent, height);
     // (From so far that heights do not move what is seen.)
     let all = Cells { eye: Vec3::Z * 1e5, ..white([n, n], edge, &cells, &lights, &pad, extent) };
-    let dark = || Untouched { sky: |_, _| [0.0; skyline::NUMBERS], ground: |_, _| Vec3::ZERO };
-    let gains = all.changes(dark(), |_| Vec3::Z).gains;
+    let gains = all.changes(DARK).gains;
     // Far from the ends an endless plane that rises by an angle over another fills (1 - cos)/2 of its view.
     let truth = 0.5 * (1.0 - (2.4f32.atan() - 1.2f32.atan()).cos());
     let near = |k: &usize| (-0.5..-0.1).contains(&across.dot(at(*k))) && at(*k).length() < 2.0;
