@@ -417,7 +417,8 @@ fn sweep<L: Lanes, W: CellWork<L>>(
     }
 }
 
-/// Plane directions: x along each of three rows, then y.
+/// Plane directions: x along each of three rows, then y. (Nothing is mapped over arrays within: in builds for tests that is a call
+/// for each element.)
 #[inline(always)]
 fn read_layer<L: Lanes>(op: &Operator, u: &[f32], k: usize, j: usize, i0: usize, out: &mut Layer<L>) {
     let (g, t) = (&op.grid, &op.tables);
