@@ -91,6 +91,39 @@ struct Tally {
     computed: u64,
 }
 
+/// What a pass has come to.
+#[derive(Debug, Clone, Copy)]
+enum Rest {
+    /// x_e moves with the indenter.
+    Reached,
+    /// No particle is near enough to x_o to be moved by it; the nearest, if there is one.
+    Away { particle: Option<usize> },
+    /// x_e moves against it, so many times as fast as it goes.
+    Moving { particle: usize, departure: f64 },
+}
+
+impl Rest {
+    /// What the loop has done where it ends further from rest than with what came of its `first` pass. (At a threshold of 0.001 the
+    /// face is thrown off the indenter by one loop of 20 passes, and all numbers stay finite.)
+    fn worse_than(self, first: Self) -> Option<Fault> {
+        match (self, first) {
+            (Self::Away { particle }, Self::Moving { particle: before, .. }) => {
+                Some(Fault { particle: particle.unwrap_or(before), what: THROWN_OFF })
+            }
+            (Self::Moving { particle, departure }, Self::Moving { departure: before, .. })
+                if !(departure <= before) =>
+            {
+                Some(Fault { particle, what: FASTER })
+            }
+            _ => None,
+        }
+    }
+}
+
+const THROWN_OFF: &str = "the relative-rest loop threw the pad off the indenter";
+const FASTER: &str =
+    "at the limit of the relative-rest loop the pad moves faster against the indenter than at its first pass";
+
 /// A pad followed step by step.
 #[derive(Debug, Clone)]
 pub struct ExplicitSolver {
@@ -196,11 +229,16 @@ impl ExplicitSolver {
         let v_o = (to.to_pad(self.cloud.lowest) - x_o) / self.body.scheme.dx_mm;
         let mut sum = StepForces::default();
         let mut passes = 0;
+        let mut first = None;
         loop {
             let exchange = self.body.update_grid();
             passes += 1;
-            let rest = self.settings.mode == Mode::Mpm || self.relative_rest(x_o, v_o);
-            let last = rest || passes >= self.settings.rest_limit;
+            let rest = match self.settings.mode {
+                Mode::Mpm => Rest::Reached,
+                _ => self.relative_rest(x_o, v_o),
+            };
+            let moves = matches!(rest, Rest::Moving { .. });
+            let last = !moves || passes >= self.settings.rest_limit;
             self.body.pass(last).map_err(|f| self.diverged(f))?;
             self.tally.computed += self.body.computed as u64;
             for d in 0..3 {
@@ -209,9 +247,13 @@ impl ExplicitSolver {
             }
             sum.torque += self.torque_about_axis(&exchange, &from);
             if last {
-                self.tally.limit_hits += u64::from(!rest);
+                self.tally.limit_hits += u64::from(moves);
+                if let Some(fault) = first.and_then(|first| rest.worse_than(first)) {
+                    return Err(self.diverged(fault));
+                }
                 break;
             }
+            first.get_or_insert(rest);
         }
         self.tally.steps += 1;
         self.tally.passes += u64::from(passes);
@@ -230,16 +272,21 @@ impl ExplicitSolver {
     }
 
     /// The rest test of Algorithm 1, on the velocity that x_e is about to get.
-    fn relative_rest(&self, x_o: DVec3, v_o: DVec3) -> bool {
-        let Some(e) = self.body.nearest(x_o.to_array()) else { return true };
+    fn relative_rest(&self, x_o: DVec3, v_o: DVec3) -> Rest {
+        let Some(e) = self.body.nearest(x_o.to_array()) else { return Rest::Away { particle: None } };
+        let particle = e.id as usize;
         let x_e = DVec3::from_array(self.body.grid.position_mm(e.cell, e.offset));
         let scheme = &self.body.scheme;
         if (x_e - x_o).abs().max_element() > scheme.dx_mm {
-            return true;
+            return Rest::Away { particle: Some(particle) };
         }
         let v_e = DVec3::from_array(self.body.grid_velocity(e.cell, e.offset));
         let floor = self.settings.rest_floor_mm_s / scheme.unit_speed_mm_s();
-        (v_e - v_o).length() <= self.settings.rest_threshold * v_o.length().max(floor)
+        let departure = (v_e - v_o).length() / v_o.length().max(floor);
+        if departure <= self.settings.rest_threshold {
+            return Rest::Reached;
+        }
+        Rest::Moving { particle, departure }
     }
 
     fn mode_name(&self) -> &'static str {

@@ -49,6 +49,8 @@ const NARROW: f64 = 2.0;
 /// narrow body between the sample points: as a root mean square that is little, and yet the face is none. Found by experiment: of 330
 /// cases the face of one that was an answer before stands further inside, a cone 1.6 mm deep, by 0.27 to 0.6 of it.
 const PIERCED: f64 = 0.25;
+/// Part of what is under the body that it may have passed by. Sharp edges have a rim of it, as wide as a part of a cell.
+const MOST_MISSED: f64 = 0.5;
 /// What stands less far inside, cells, is brought out by the relief in any case.
 const MENDED: f64 = 0.3;
 /// Part of the face that may be turned over after a drag: more is no face that heights tell. Found by experiment: of 680 cases that of
@@ -577,6 +579,10 @@ impl Level {
         let Some(outcome) = self.at.outcome else {
             return (inside.deepest_mm > 0.0).then_some(1.0);
         };
+        // A blade or a pin that grazes a sample point passes by all others.
+        if inside.missed > MOST_MISSED || (inside.missed > 0.0 && self.normal_force_n() <= 0.0) {
+            return Some(1.0);
+        }
         // (What is pressed straight down is brought into shape by its relief, and so is what stands less far inside.)
         let mendable_mm = MENDED * grid.hx.max(grid.hy);
         if !self.straight_down() && inside.deepest_mm > (PIERCED * depth).max(mendable_mm) {

@@ -14,6 +14,11 @@ use rayon::prelude::*;
 /// Largest spacing of the lattice, mm: two points across the narrowest edge of the press set (0.2 mm).
 const SPACING_MM: f64 = 0.1;
 
+/// A face this near the body touches it, mm.
+const TOUCHES_MM: f64 = 0.02;
+/// Part of the way to the body's underside by which a point of the face has to have been pushed, or else it was missed.
+const PUSHED: f64 = 0.5;
+
 /// How far points of the face lie in the indenter, mm; 0 where none does.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Inside {
@@ -21,6 +26,31 @@ pub struct Inside {
     pub rms_mm: f64,
     /// The deepest.
     pub deepest_mm: f64,
+    /// Part of the points under the body, where they touch it, that it has passed by. In a thin body distances say little: half its
+    /// width at most.
+    pub missed: f64,
+}
+
+/// The sums over some points that make [`Inside`].
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    squares: f64,
+    inside: u64,
+    deepest_mm: f64,
+    under: u64,
+    missed: u64,
+}
+
+impl Sums {
+    fn and(self, more: &Self) -> Self {
+        Self {
+            squares: self.squares + more.squares,
+            inside: self.inside + more.inside,
+            deepest_mm: self.deepest_mm.max(more.deepest_mm),
+            under: self.under + more.under,
+            missed: self.missed + more.missed,
+        }
+    }
 }
 
 /// How far the face lies in the indenter.
@@ -44,7 +74,7 @@ pub fn inside(grid: &Grid, chart: Option<&Chart>, u: &[f32], indenter: &dyn Inde
     let (cx, top) = (grid.cx(), grid.layers() - 1);
     let of_row = |y: &f64| {
         let (j, wy) = Grid::trace(*y, grid.size[1], grid.ny);
-        let (mut squares, mut inside, mut deepest_mm) = (0.0, 0_u64, 0.0f64);
+        let mut sums = Sums::default();
         for (x, i, wx) in &columns {
             let mut p = [*x, *y, chart.map_or(0.0, |chart| chart.height_mm(*x, *y))];
             for (c, p) in p.iter_mut().enumerate() {
@@ -55,19 +85,31 @@ pub fn inside(grid: &Grid, chart: Option<&Chart>, u: &[f32], indenter: &dyn Inde
                     }
                 }
             }
-            let gap = indenter.distance(pose.to_indenter(DVec3::from_array(p)));
+            let at_body = pose.to_indenter(DVec3::from_array(p));
+            let gap = indenter.distance(at_body);
             if gap < 0.0 {
-                squares += gap * gap;
-                inside += 1;
-                deepest_mm = deepest_mm.max(-gap);
+                sums.squares += gap * gap;
+                sums.inside += 1;
+                sums.deepest_mm = sums.deepest_mm.max(-gap);
+            }
+            if gap < TOUCHES_MM
+                && let Some(underside) = indenter.lower_surface(at_body.x, at_body.y)
+            {
+                let rest_mm = chart.map_or(0.0, |chart| chart.height_mm(p[0], p[1])) - pose.z_mm;
+                let way_mm = rest_mm - underside;
+                sums.under += u64::from(way_mm > 0.0);
+                sums.missed += u64::from(way_mm > 0.0 && rest_mm - at_body.z < PUSHED * way_mm);
             }
         }
-        (squares, inside, deepest_mm)
+        sums
     };
     // Rows are summed in their order, whatever the number of threads.
-    let sums: Vec<(f64, u64, f64)> = rows.par_iter().map(of_row).collect();
-    let (squares, inside, deepest_mm) =
-        sums.iter().fold((0.0, 0, 0.0), |(s, n, d), (a, b, c)| (s + a, n + b, f64::max(d, *c)));
-    let rms_mm = if inside == 0 { 0.0 } else { (squares / inside as f64).sqrt() };
-    Inside { rms_mm, deepest_mm }
+    let of_rows: Vec<Sums> = rows.par_iter().map(of_row).collect();
+    let sums = of_rows.iter().fold(Sums::default(), Sums::and);
+    let mean = |sum: f64, n: u64| if n == 0 { 0.0 } else { sum / n as f64 };
+    Inside {
+        rms_mm: mean(sums.squares, sums.inside).sqrt(),
+        deepest_mm: sums.deepest_mm,
+        missed: mean(sums.missed as f64, sums.under),
+    }
 }

@@ -1,6 +1,7 @@
 //! Physics of the quasi-static solver against other people's numbers.
 
 mod friction;
+mod narrow;
 mod pads;
 
 use super::grid::Grid;
