@@ -39,14 +39,23 @@ struct Entry {
     estimated_error: Option<f64>,
 }
 
-/// Writes pictures, list and camera; the folder is made.
+/// Writes pictures, list and camera; the folder is made, and a basis that it held is removed. The list goes first and comes
+/// last: what is cut short reads as no basis, never as one of two.
 ///
 /// # Errors
-/// When a file cannot be written.
+/// When a file cannot be written, or an old one not removed.
 pub fn write(folder: &Path, contents: &Contents) -> Result<(), Error> {
     let Contents { basis, radiances, errors, camera } = contents;
     std::fs::create_dir_all(folder).map_err(|e| fault("write", folder, &e))?;
-    write_camera(&folder.join(SENSOR), camera.as_ref())?;
+    // (Numbered pictures beside no list may be anybody's.)
+    if folder.join(LIST).exists() {
+        remove_files(folder)?;
+    }
+    // What was cut short may have left a camera, which would be taken for that of this one.
+    remove_file(&folder.join(SENSOR))?;
+    if let Some(camera) = camera {
+        write_json(&folder.join(SENSOR), camera)?;
+    }
     let entry = |(k, (light, radiance)): (usize, (&String, &Vec3))| {
         // Names come from files: what may stand in a file's name stays, the number keeps them apart.
         let plain = light.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' });
@@ -59,17 +68,6 @@ pub fn write(folder: &Path, contents: &Contents) -> Result<(), Error> {
         film.write_npy(&folder.join(&entry.file))?;
     }
     write_json(&folder.join(LIST), &list)
-}
-
-fn write_camera(path: &Path, camera: Option<&SensorCamera>) -> Result<(), Error> {
-    match camera {
-        Some(camera) => write_json(path, camera),
-        // One that an earlier basis left here would be taken for that of this one.
-        None => match std::fs::remove_file(path) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(fault("write", path, &e)),
-            _ => Ok(()),
-        },
-    }
 }
 
 fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Error> {
@@ -90,16 +88,30 @@ fn read_camera(path: &Path) -> Result<Option<SensorCamera>, Error> {
 /// # Errors
 /// When something is there and cannot be removed.
 pub fn remove(folder: &Path) -> Result<(), Error> {
-    let Ok(files) = std::fs::read_dir(folder) else { return Ok(()) };
-    for path in files.flatten().map(|file| file.path()) {
-        let is_ours = path.file_name().and_then(|name| name.to_str()).is_some_and(is_of_basis);
-        if is_ours {
-            std::fs::remove_file(&path).map_err(|e| fault("remove", &path, &e))?;
-        }
-    }
+    remove_files(folder)?;
     // (What is not ours stays, and its folder.)
     let _ = std::fs::remove_dir(folder);
     Ok(())
+}
+
+/// Removes a basis from a folder that stays, its list first.
+fn remove_files(folder: &Path) -> Result<(), Error> {
+    remove_file(&folder.join(LIST))?;
+    let Ok(files) = std::fs::read_dir(folder) else { return Ok(()) };
+    for path in files.flatten().map(|file| file.path()) {
+        if path.file_name().and_then(|name| name.to_str()).is_some_and(is_of_basis) {
+            remove_file(&path)?;
+        }
+    }
+    Ok(())
+}
+
+/// Removes a file that may be there.
+fn remove_file(path: &Path) -> Result<(), Error> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(fault("remove", path, &e)),
+        _ => Ok(()),
+    }
 }
 
 /// Whether a file's name is one that [`write`] gives: the list's, the sensor's, or that of a numbered picture.
@@ -186,6 +198,36 @@ mod tests {
         remove(folder.path()).unwrap();
         let left = |name: &&str| folder.path().join(name).exists();
         assert_eq!(names.into_iter().filter(left).collect::<Vec<_>>(), &names[4..]);
+    }
+
+    #[test]
+    fn a_basis_takes_the_place_of_another_and_half_of_one_reads_as_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let of = |names: &[&str]| {
+            let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+            let films = vec![Film { width: 1, height: 1, pixels: vec![Vec3::ONE] }; names.len()];
+            let radiances = vec![Vec3::ONE; names.len()];
+            Contents { basis: LightBasis { names, films }, radiances, errors: None, camera: None }
+        };
+        let files = || {
+            let names = std::fs::read_dir(folder.path()).unwrap().map(|file| file.unwrap().file_name());
+            let mut names: Vec<String> = names.map(|name| name.into_string().unwrap()).collect();
+            names.sort();
+            names
+        };
+        for name in ["notes.txt", "3_mine.npy"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        write(folder.path(), &of(&["blue"])).unwrap();
+        assert_eq!(files(), ["0_blue.npy", "3_mine.npy", LIST, "notes.txt"]);
+        write(folder.path(), &of(&["blue", "red", "white"])).unwrap();
+        write(folder.path(), &of(&["green"])).unwrap();
+        assert_eq!(files(), ["0_green.npy", LIST, "notes.txt"]);
+        // What is in a picture's way stops it: neither basis is there.
+        std::fs::create_dir(folder.path().join("1_left.npy")).unwrap();
+        write(folder.path(), &of(&["right", "left"])).unwrap_err();
+        let told = read(folder.path()).unwrap_err().to_string();
+        assert!(told.contains("holds no basis"), "{told}");
     }
 
     #[test]
