@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 use twinrig::elastomer;
-use twinrig::optics::sensor::LightShapeSpec;
+use twinrig::optics::sensor::{HousingSpec, LightShapeSpec};
 use twinrig::optics::{DisplacedSurface, SensorOptics, imager, reference};
 use twinrig::problem::{Problem, Problems};
 
@@ -150,6 +150,33 @@ fn a_light_that_shines_into_the_wall_at_its_back_is_told_how_to_turn() {
         optics.lights[0].two_sided = true;
     });
     assert_eq!(both, Vec::new());
+}
+
+#[test]
+fn what_follows_from_a_wrong_value_is_not_told_beside_it() {
+    let keys = |change: &dyn Fn(&mut SensorOptics)| -> Vec<String> {
+        told(change).into_iter().map(|problem| problem.key).collect()
+    };
+    // The shipped coat has grain, which a metal film would hide.
+    assert_eq!(keys(&|optics| optics.coating.roughness = -0.5), ["coating.roughness"]);
+    assert_eq!(keys(&|optics| optics.coating.flakes = Some(1.5)), ["coating.flakes"]);
+    assert_eq!(keys(&|optics| optics.coating.flakes = Some(1.0)), ["coating.flakes"]);
+    let housing =
+        |change: fn(&mut HousingSpec)| told(|optics| change(optics.housing.as_mut().expect("it has walls")));
+    for (ends, next) in
+        [([15.0, -15.0], "swap them: x_mm = [-15.0, 15.0]"), ([15.0, 15.0], "give two walls that are apart")]
+    {
+        let swapped = told(|optics| optics.housing.as_mut().unwrap().x_mm = ends);
+        assert_eq!(swapped.len(), 1, "{swapped:?}");
+        let Problem { key, allowed, .. } = &swapped[0];
+        assert!(key == "housing.x_mm" && allowed.contains("the smaller one first"), "{swapped:?}");
+        assert_eq!(swapped[0].next, next);
+    }
+    let below = housing(|housing| housing.height_mm = -20.0);
+    assert!(below.len() == 1 && below[0].key == "housing.height_mm", "{below:?}");
+    // Walls in order are told of all that stands behind them.
+    let narrow = housing(|housing| housing.x_mm = [-14.0, 14.0]);
+    assert_eq!(narrow.len(), 2, "{narrow:?}");
 }
 
 #[test]
