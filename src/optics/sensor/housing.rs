@@ -93,6 +93,11 @@ fn is_polished(roughness: &f64) -> bool {
 }
 
 impl PlateSpec {
+    /// Whether anything of it shows: a polished one of air's index bends no light.
+    pub fn shows(&self) -> bool {
+        self.ior != 1.0 || self.roughness > 0.0
+    }
+
     /// Its sides' heights over the undeformed face, mm.
     pub fn heights_mm(&self) -> [f64; 2] {
         [self.gap_mm, self.gap_mm + self.thickness_mm]

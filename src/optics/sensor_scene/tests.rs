@@ -68,6 +68,20 @@ fn a_lens_of_air_changes_nothing() {
 }
 
 #[test]
+fn a_plate_of_air_is_no_part_of_the_scene_and_one_that_shows_is() {
+    let without = sensor("");
+    let with = |ior: f64, roughness: f64| {
+        let plate =
+            format!("[plate]\ngap_mm = 4.0\nthickness_mm = 2.0\nior = {ior:?}\nroughness = {roughness:?}\n");
+        scene(&sensor(&plate), &flat(), None).unwrap()
+    };
+    assert_eq!(with(1.0, 0.0), scene(&without, &flat(), None).unwrap());
+    for plate in [with(1.49, 0.0), with(1.0, 0.3)] {
+        assert!(plate.surface(Role::Plate).is_some() && plate.max_events > without.max_events);
+    }
+}
+
+#[test]
 fn lights_are_still_found_through_a_plate_beside_a_lens() {
     let mut without = sensor("[plate]\ngap_mm = 0.5\nthickness_mm = 0.5\nior = 1.5\n");
     without.lights.truncate(1);
