@@ -165,7 +165,8 @@ impl Args {
         picture_file::write(&self.out, &picture, camera.as_ref()).map_err(failed)?;
         if let (Some(folder), Some(basis)) = (&self.basis, basis) {
             let (radiances, errors) = (times.radiances.clone(), times.basis_errors.clone());
-            let contents = Contents { basis, radiances, errors, camera };
+            let error_of_sum = times.estimated_error;
+            let contents = Contents { basis, radiances, errors, error_of_sum, camera };
             basis_folder::write(folder, &contents).map_err(failed)?;
         }
         Ok(times)

@@ -1,7 +1,6 @@
 //! One picture a light in a folder: `<light>.npy`, linear RGB float32 for radiance 1, and `basis.json`, which names the
-//! lights in order with the radiances that the scene has for them and, where it is known, the relRMSE to expect of each picture.
-//! Of a sensor there is `sensor.json`, too: its camera, and
-//! the energies in its file.
+//! lights in order with the radiances that the scene has for them and, where it is known, the relRMSE to expect of each picture
+//! and of their sum in those radiances. Of a sensor there is `sensor.json`, too: its camera, and the energies in its file.
 
 use super::light::is_radiance;
 use super::sensor_basis::SensorCamera;
@@ -24,8 +23,30 @@ pub struct Contents {
     pub radiances: Vec<Vec3>,
     /// relRMSE to expect of each picture, where it is known.
     pub errors: Option<Vec<f64>>,
+    /// relRMSE to expect of their sum in those radiances, where it is known.
+    pub error_of_sum: Option<f64>,
     /// The camera of a sensor; a scene has none.
     pub camera: Option<SensorCamera>,
+}
+
+/// What stands in the list's file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct List {
+    lights: Vec<Entry>,
+    /// Of the sum.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    estimated_error: Option<f64>,
+}
+
+impl List {
+    /// A bare list of lights will do, which tells nothing of the sum.
+    fn parse(bytes: &[u8]) -> serde_json::Result<Self> {
+        match bytes.trim_ascii_start().first() {
+            Some(b'[') => serde_json::from_slice(bytes).map(|lights| Self { lights, estimated_error: None }),
+            _ => serde_json::from_slice(bytes),
+        }
+    }
 }
 
 /// A light of a folder.
@@ -45,7 +66,7 @@ struct Entry {
 /// # Errors
 /// When a file cannot be written, or an old one not removed.
 pub fn write(folder: &Path, contents: &Contents) -> Result<(), Error> {
-    let Contents { basis, radiances, errors, camera } = contents;
+    let Contents { basis, radiances, errors, error_of_sum, camera } = contents;
     std::fs::create_dir_all(folder).map_err(|e| fault("write", folder, &e))?;
     // (Numbered pictures beside no list may be anybody's.)
     if folder.join(LIST).exists() {
@@ -63,11 +84,11 @@ pub fn write(folder: &Path, contents: &Contents) -> Result<(), Error> {
         let estimated_error = errors.as_ref().map(|errors| errors[k]);
         Entry { light: light.clone(), file, radiance: radiance.to_array(), estimated_error }
     };
-    let list: Vec<Entry> = basis.names.iter().zip(radiances).enumerate().map(entry).collect();
-    for (entry, film) in list.iter().zip(&basis.films) {
+    let lights: Vec<Entry> = basis.names.iter().zip(radiances).enumerate().map(entry).collect();
+    for (entry, film) in lights.iter().zip(&basis.films) {
         film.write_npy(&folder.join(&entry.file))?;
     }
-    write_json(&folder.join(LIST), &list)
+    write_json(&folder.join(LIST), &List { lights, estimated_error: *error_of_sum })
 }
 
 fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Error> {
@@ -131,13 +152,13 @@ pub fn read(folder: &Path) -> Result<Contents, Error> {
         _ => fault("read", &path, &e),
     })?;
     let wrong = |reason| wrong(&path, reason);
-    let list: Vec<Entry> = serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))?;
-    if let Some(entry) = list.iter().find(|e| !is_radiance(Vec3::from_array(e.radiance))) {
+    let List { lights, estimated_error } = List::parse(&bytes).map_err(|e| wrong(e.to_string()))?;
+    if let Some(entry) = lights.iter().find(|e| !is_radiance(Vec3::from_array(e.radiance))) {
         let Entry { light, radiance, .. } = entry;
         return Err(wrong(format!("the radiance of {light} is {radiance:?}, allowed are 0 to 1e12")));
     }
     let mut films = Vec::new();
-    for entry in &list {
+    for entry in &lights {
         let path = folder.join(&entry.file);
         let bytes = std::fs::read(&path).map_err(|e| match e.kind() {
             std::io::ErrorKind::NotFound => {
@@ -151,10 +172,11 @@ pub fn read(folder: &Path) -> Result<Contents, Error> {
     if films.is_empty() || films.iter().any(|f| size(f) != size(&films[0])) {
         return Err(wrong("its pictures are none, or of several sizes".to_owned()));
     }
-    let radiances = list.iter().map(|e| Vec3::from_array(e.radiance)).collect();
-    let errors = list.iter().map(|e| e.estimated_error).collect();
-    let basis = LightBasis { names: list.into_iter().map(|e| e.light).collect(), films };
-    Ok(Contents { basis, radiances, errors, camera: read_camera(&folder.join(SENSOR))? })
+    let radiances = lights.iter().map(|e| Vec3::from_array(e.radiance)).collect();
+    let errors = lights.iter().map(|e| e.estimated_error).collect();
+    let basis = LightBasis { names: lights.into_iter().map(|e| e.light).collect(), films };
+    let camera = read_camera(&folder.join(SENSOR))?;
+    Ok(Contents { basis, radiances, errors, error_of_sum: estimated_error, camera })
 }
 
 /// A folder in which nothing was rendered light by light.
@@ -207,7 +229,8 @@ mod tests {
             let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
             let films = vec![Film { width: 1, height: 1, pixels: vec![Vec3::ONE] }; names.len()];
             let radiances = vec![Vec3::ONE; names.len()];
-            Contents { basis: LightBasis { names, films }, radiances, errors: None, camera: None }
+            let basis = LightBasis { names, films };
+            Contents { basis, radiances, errors: None, error_of_sum: None, camera: None }
         };
         let files = || {
             let names = std::fs::read_dir(folder.path()).unwrap().map(|file| file.unwrap().file_name());
@@ -240,8 +263,11 @@ mod tests {
         let image = ImageSpec { exposure: Some(0.4), gamma: Some(1.8), ..ImageSpec::default() };
         let camera = SensorCamera { image, file_gives_exposure: true, energies: vec![100.0, 7.5] };
         // A scene's basis in the folder of a sensor's leaves no camera behind.
-        for (camera, errors) in [(Some(camera), None), (None, Some(vec![0.004, 0.0025]))] {
-            let contents = Contents { basis: basis.clone(), radiances: radiances.clone(), errors, camera };
+        for (camera, errors, error_of_sum) in
+            [(Some(camera), None, None), (None, Some(vec![0.004, 0.0025]), Some(0.003))]
+        {
+            let basis = basis.clone();
+            let contents = Contents { basis, radiances: radiances.clone(), errors, error_of_sum, camera };
             write(&folder, &contents).unwrap();
             assert_eq!(read(&folder).unwrap(), contents);
         }
@@ -256,6 +282,11 @@ mod tests {
             let told = read(&folder).unwrap_err().to_string();
             assert!(told.contains(what) && !told.contains("permissions"), "{told}");
         }
+        // A list of nothing but lights is one.
+        let mut lights: serde_json::Value = serde_json::from_str(&list).unwrap();
+        std::fs::write(folder.join(LIST), lights["lights"].take().to_string()).unwrap();
+        let alone = read(&folder).unwrap();
+        assert_eq!((alone.errors, alone.error_of_sum), (Some(vec![0.004, 0.0025]), None));
         std::fs::write(folder.join(LIST), list).unwrap();
         let picture = folder.join("1_right.npy");
         let doubles = String::from_utf8_lossy(&film(2.0).to_npy()).replace("<f4", "<f8");

@@ -217,6 +217,7 @@ impl Imager {
             basis: films.clone(),
             radiances: scene.lights.iter().map(|l| l.radiance).collect(),
             errors: errors.clone(),
+            error_of_sum: estimated_error,
             camera: Some(self.camera()),
         });
         let render_s = made_ready.elapsed().as_secs_f64();
