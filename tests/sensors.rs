@@ -1,8 +1,10 @@
 //! Every shipped sensor file is loaded, checked and seen.
 
 use serde::Deserialize;
+use twinrig::elastomer;
+use twinrig::optics::sensor::{HousingSpec, LightShapeSpec};
 use twinrig::optics::{DisplacedSurface, SensorOptics, imager, reference};
-use twinrig::{elastomer, problem::Problems};
+use twinrig::problem::{Problem, Problems};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -92,6 +94,89 @@ fn a_typo_and_a_light_outside_are_told_with_their_keys() {
     file.optics.check(&mut problems);
     let keys: Vec<String> = problems.into_vec().into_iter().map(|p| p.key).collect();
     assert_eq!(keys, ["housing.x_mm", "housing.y_mm", "lights[0].shape.center_mm"]);
+}
+
+/// What is wrong with the shipped GelSight after a change.
+fn told(change: impl Fn(&mut SensorOptics)) -> Vec<Problem> {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors/gelsight.toml");
+    let mut file: SensorFile = toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+    change(&mut file.optics);
+    let mut problems = Problems::new();
+    file.optics.check(&mut problems);
+    problems.into_vec()
+}
+
+#[test]
+fn a_light_that_shines_into_the_wall_at_its_back_is_told_how_to_turn() {
+    let blue = |center_mm: [f64; 3], facing: [f64; 3]| {
+        let of_kind = |is_disc: bool| {
+            told(|optics| {
+                optics.lights[0].shape = match is_disc {
+                    true => LightShapeSpec::Disc { center_mm, facing, radius_mm: 1.0 },
+                    false => LightShapeSpec::Rectangle { center_mm, facing, size_mm: [24.0, 2.0] },
+                }
+            })
+        };
+        let [disc, rectangle] = [true, false].map(of_kind);
+        assert_eq!(disc, rectangle);
+        disc
+    };
+    let turned = blue([-14.999, 0.0, -2.5], [-2.0, 0.0, 0.5]);
+    assert_eq!(turned.len(), 1, "{turned:?}");
+    let Problem { key, value, allowed, next } = &turned[0];
+    assert_eq!((key.as_str(), value.as_str()), ("lights[0].shape.facing", "[-2.0, 0.0, 0.5]"));
+    assert!(allowed.contains("\"blue\"") && allowed.contains("0.001 mm"), "{allowed}");
+    assert_eq!(next, "turn it: facing = [2.0, 0.0, 0.5]");
+    for (center_mm, facing) in [
+        ([14.999, 0.0, -2.5], [1.0, 0.0, 0.0]),
+        ([0.0, -14.999, -2.5], [0.0, -1.0, 0.0]),
+        ([0.0, 14.999, -2.5], [0.0, 1.0, 0.0]),
+        ([0.0, 8.0, -19.98], [0.0, 0.0, -1.0]),
+    ] {
+        let keys: Vec<String> = blue(center_mm, facing).into_iter().map(|p| p.key).collect();
+        assert_eq!(keys, ["lights[0].shape.facing"], "{center_mm:?}");
+    }
+    // Into the sensor, along the wall, or at a wall that is elsewhere, a light may shine, and a two-sided one anywhere.
+    for (center_mm, facing) in [
+        ([-14.999, 0.0, -2.5], [1.0, 0.0, 0.0]),
+        ([-14.999, 0.0, -2.5], [0.0, 0.0, 1.0]),
+        ([-12.0, 0.0, -2.5], [-1.0, 0.0, 0.0]),
+    ] {
+        assert_eq!(blue(center_mm, facing), Vec::new());
+    }
+    let both = told(|optics| {
+        let LightShapeSpec::Rectangle { facing, .. } = &mut optics.lights[0].shape else { unreachable!() };
+        facing[0] = -1.0;
+        optics.lights[0].two_sided = true;
+    });
+    assert_eq!(both, Vec::new());
+}
+
+#[test]
+fn what_follows_from_a_wrong_value_is_not_told_beside_it() {
+    let keys = |change: &dyn Fn(&mut SensorOptics)| -> Vec<String> {
+        told(change).into_iter().map(|problem| problem.key).collect()
+    };
+    // The shipped coat has grain, which a metal film would hide.
+    assert_eq!(keys(&|optics| optics.coating.roughness = -0.5), ["coating.roughness"]);
+    assert_eq!(keys(&|optics| optics.coating.flakes = Some(1.5)), ["coating.flakes"]);
+    assert_eq!(keys(&|optics| optics.coating.flakes = Some(1.0)), ["coating.flakes"]);
+    let housing =
+        |change: fn(&mut HousingSpec)| told(|optics| change(optics.housing.as_mut().expect("it has walls")));
+    for (ends, next) in
+        [([15.0, -15.0], "swap them: x_mm = [-15.0, 15.0]"), ([15.0, 15.0], "give two walls that are apart")]
+    {
+        let swapped = told(|optics| optics.housing.as_mut().unwrap().x_mm = ends);
+        assert_eq!(swapped.len(), 1, "{swapped:?}");
+        let Problem { key, allowed, .. } = &swapped[0];
+        assert!(key == "housing.x_mm" && allowed.contains("the smaller one first"), "{swapped:?}");
+        assert_eq!(swapped[0].next, next);
+    }
+    let below = housing(|housing| housing.height_mm = -20.0);
+    assert!(below.len() == 1 && below[0].key == "housing.height_mm", "{below:?}");
+    // Walls in order are told of all that stands behind them.
+    let narrow = housing(|housing| housing.x_mm = [-14.0, 14.0]);
+    assert_eq!(narrow.len(), 2, "{narrow:?}");
 }
 
 #[test]

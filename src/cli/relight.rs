@@ -2,11 +2,14 @@
 //!
 //! The folder is what `twinrig render --basis FOLDER` wrote, or `twinrig simulate --basis` of a capture. Light is linear, so a picture in any colours is a sum of
 //! those in the folder: nothing is rendered, it takes milliseconds. Lights that are not named keep the scene's colours;
-//! `--json` prints how long the sum took, apart from reading and writing.
+//! `--json` prints how long the sum took, apart from reading and writing. In the scene's colours it has the error that was stated of
+//! it; of others the errors of its parts tell a bound.
 //!
 //! `--fit PICTURE` calibrates: it finds the colours whose sum is nearest to a picture of the real sensor. Of a sensor's folder
 //! the picture is taken as its camera's (response, exposure, vignetting, blur), and the lights are printed as its file writes
 //! them; of a scene's, as radiances.
+
+mod expected;
 
 use super::exit::Exit;
 use super::picture_file::{self, Read};
@@ -16,6 +19,7 @@ use crate::optics::light::is_radiance;
 use crate::optics::sensor::MOST_ENERGY;
 use crate::optics::sensor_basis::{SensorCamera, Written};
 use crate::optics::{Error, Film, LightBasis};
+use expected::Expected;
 use glam::Vec3;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -48,7 +52,12 @@ impl Args {
     pub fn run(self) -> Exit {
         match self.relight() {
             Ok(relit) if self.json => {
-                let mut document = serde_json::json!({ "out": self.out, "recolour_s": relit.seconds, "estimated_error": relit.estimated_error });
+                let mut document = serde_json::json!({
+                    "out": self.out,
+                    "recolour_s": relit.seconds,
+                    "estimated_error": relit.error.map(Expected::value),
+                    "estimated_error_is_bound": relit.error.map(Expected::is_bound),
+                });
                 if let Some(fit) = relit.fit {
                     fit.warn();
                     fit.put_into(&mut document);
@@ -70,8 +79,8 @@ impl Args {
                     self.out.display(),
                     relit.seconds * 1e3
                 ));
-                if let Some(error) = relit.estimated_error {
-                    screen::result(format_args!("expected error: at most {:.2} %", 100.0 * error));
+                if let Some(error) = relit.error {
+                    screen::result(format_args!("expected error: {error}"));
                 }
                 Exit::Done
             }
@@ -83,7 +92,9 @@ impl Args {
     }
 
     fn relight(&self) -> Result<Relit, Error> {
-        let Contents { basis, mut radiances, errors, camera } = basis_folder::read(&self.folder)?;
+        let Contents { basis, radiances: rendered, errors, error_of_sum, camera } =
+            basis_folder::read(&self.folder)?;
+        let mut radiances = rendered.clone();
         let camera = camera.as_ref();
         for (n, (name, radiance)) in self.lights.iter().enumerate() {
             if self.lights[..n].iter().any(|(before, _)| before == name) {
@@ -110,30 +121,20 @@ impl Args {
         let picture = basis.combine(&radiances);
         let seconds = start.elapsed().as_secs_f64();
         picture_file::write(&self.out, &picture, camera)?;
-        let estimated_error = errors.map(|errors| error_of_sum(&basis, &radiances, &errors));
-        Ok(Relit { seconds, estimated_error, fit })
+        let error = match error_of_sum.filter(|_| radiances == rendered) {
+            Some(stated) => Some(Expected::Stated(stated)),
+            None => errors.map(|errors| Expected::AtMost(expected::most_of_sum(&basis, &radiances, &errors))),
+        };
+        Ok(Relit { seconds, error, fit })
     }
-}
-
-/// relRMSE of a sum, at most: errors of several lights may add up, and what is alike in all channels of white light is more of
-/// the mean where a colour has but one.
-fn error_of_sum(basis: &LightBasis, radiances: &[Vec3], errors: &[f64]) -> f64 {
-    let lights = basis.films.iter().zip(radiances).zip(errors);
-    let [mut whole, mut off] = [0.0; 2];
-    for ((film, radiance), error) in lights {
-        let mean = film.mean();
-        whole += f64::from((mean * *radiance).element_sum());
-        off += error * f64::from(mean.element_sum() * (radiance.length_squared() / 3.0).sqrt());
-    }
-    if whole > 0.0 { off / whole } else { 0.0 }
 }
 
 /// What was done.
 struct Relit {
     /// How long the sum took.
     seconds: f64,
-    /// relRMSE to expect of it, at most, where that of its parts is known.
-    estimated_error: Option<f64>,
+    /// Where that of its parts is known.
+    error: Option<Expected>,
     fit: Option<Fit>,
 }
 
@@ -262,14 +263,37 @@ mod tests {
     use clap::Parser;
 
     #[test]
-    fn a_sum_is_off_by_no_more_than_its_parts_together_and_a_pure_colour_by_more_than_white() {
+    fn colours_as_rendered_have_the_error_that_was_stated_and_others_a_bound() {
+        let folder = tempfile::tempdir().unwrap();
         let film = |light: f32| Film { width: 1, height: 1, pixels: vec![Vec3::splat(light)] };
-        let basis = LightBasis { names: vec![String::new(); 2], films: vec![film(3.0), film(1.0)] };
-        let of = |radiances: [Vec3; 2]| error_of_sum(&basis, &radiances, &[0.01, 0.03]);
-        assert!((of([Vec3::ONE; 2]) - 0.015).abs() < 1e-9);
-        assert!((of([Vec3::ZERO, Vec3::splat(7.0)]) - 0.03).abs() < 1e-9);
-        assert!((of([2.0 * Vec3::X, Vec3::ZERO]) - 0.01 * 3f64.sqrt()).abs() < 1e-8);
-        assert_eq!(of([Vec3::ZERO; 2]), 0.0);
+        let names = ["blue", "red"].map(str::to_owned).to_vec();
+        let mut contents = Contents {
+            basis: LightBasis { names, films: vec![film(3.0), film(1.0)] },
+            radiances: vec![Vec3::ONE; 2],
+            errors: Some(vec![0.01, 0.03]),
+            error_of_sum: Some(0.007),
+            camera: None,
+        };
+        let error = |contents: &Contents, lights: &[(&str, Vec3)]| {
+            basis_folder::write(folder.path(), contents).unwrap();
+            let args = Args {
+                folder: folder.path().to_owned(),
+                lights: lights.iter().map(|(name, v)| ((*name).to_owned(), *v)).collect(),
+                fit: None,
+                out: folder.path().join("relit.npy"),
+                json: false,
+            };
+            args.relight().unwrap().error.unwrap()
+        };
+        for lights in [&[][..], &[("red", Vec3::ONE)]] {
+            assert_eq!(error(&contents, lights), Expected::Stated(0.007));
+        }
+        let other = error(&contents, &[("red", Vec3::ZERO)]);
+        assert!(other.is_bound() && (other.value() - 0.01).abs() < 1e-9, "{other}");
+        // Of a folder that does not tell it the parts do.
+        contents.error_of_sum = None;
+        let bound = error(&contents, &[]);
+        assert!(bound.to_string().starts_with("at most 1.50 %"), "{bound}");
     }
 
     #[test]
@@ -284,7 +308,8 @@ mod tests {
             names: ["blue", "red"].map(str::to_owned).to_vec(),
             films: vec![film([0.1, 0.2, 0.3, 9.0]), film([0.3, 0.1, 0.0, 9.0])],
         };
-        let contents = Contents { basis, radiances: vec![Vec3::ONE; 2], errors: None, camera: None };
+        let radiances = vec![Vec3::ONE; 2];
+        let contents = Contents { basis, radiances, errors: None, error_of_sum: None, camera: None };
         basis_folder::write(folder.path(), &contents).unwrap();
         let args = |fit: Option<&str>, lights: &[(&str, Vec3)], out: &str| Args {
             folder: folder.path().to_owned(),

@@ -18,6 +18,7 @@ use crate::optics::render_file::{Mode, Rendered, Request, Times, render_file, re
 use crate::optics::sensor_basis::SensorCamera;
 use crate::optics::{Error, imaging};
 use crate::twin::untouched_face;
+use glam::Vec3;
 use std::path::{Path, PathBuf};
 
 /// Render a benchmark scene, or a sensor untouched, to linear RGB
@@ -68,11 +69,8 @@ impl Args {
     /// Runs the subcommand.
     pub fn run(self) -> Exit {
         let rendered = self.render();
-        if let Ok(Times { is_dark: true, .. }) = rendered {
-            screen::warning(format_args!(
-                "no light of {} shines, so the picture is black; give one a radiance above 0",
-                self.scene.display()
-            ));
+        if let Some(why) = rendered.as_ref().ok().and_then(why_dark) {
+            screen::warning(format_args!("the picture of {} is black: {why}", self.scene.display()));
         }
         match rendered {
             Ok(times) if times.meets_tolerance == Some(false) => {
@@ -165,7 +163,8 @@ impl Args {
         picture_file::write(&self.out, &picture, camera.as_ref()).map_err(failed)?;
         if let (Some(folder), Some(basis)) = (&self.basis, basis) {
             let (radiances, errors) = (times.radiances.clone(), times.basis_errors.clone());
-            let contents = Contents { basis, radiances, errors, camera };
+            let error_of_sum = times.estimated_error;
+            let contents = Contents { basis, radiances, errors, error_of_sum, camera };
             basis_folder::write(folder, &contents).map_err(failed)?;
         }
         Ok(times)
@@ -211,6 +210,17 @@ impl From<Error> for RenderError {
             e => Self::Optics(e),
         }
     }
+}
+
+/// Why a picture is black, if it is, and what to do about it.
+fn why_dark(times: &Times) -> Option<&'static str> {
+    let shines = times.radiances.iter().any(|radiance| *radiance != Vec3::ZERO);
+    times.is_dark.then_some(match shines {
+        true => {
+            "what it shows reflects no light to the camera; give the pad an albedo above 0, or let a light reach it"
+        }
+        false => "no light of it shines; give one a radiance above 0",
+    })
 }
 
 fn parse_variant(text: &str) -> Result<Variant, String> {

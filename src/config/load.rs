@@ -389,7 +389,7 @@ impl Loader {
             document.set(&setting.text, &setting.within_domain(), setting.value.clone(), &mut self.findings);
         }
         let sensor = document
-            .read(|file: &SensorFile, p| file.check(&stem, folder.as_deref(), p), &mut self.findings)?;
+            .read(|file: &SensorFile, p| file.check(Some(&stem), folder.as_deref(), p), &mut self.findings)?;
         Some((document, sensor))
     }
 

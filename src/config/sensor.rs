@@ -45,15 +45,15 @@ pub struct SensorConfig {
 }
 
 impl SensorFile {
-    /// The checked sensor; meaningless when problems were reported. `stem` is the file's name, `folder` the one that it lies in
-    /// (none for the program's own copy).
-    pub fn check(&self, stem: &str, folder: Option<&Path>, problems: &mut Problems) -> SensorConfig {
+    /// The checked sensor; meaningless when problems were reported. `stem` is the file's name where the sensor was asked for by
+    /// that, `folder` the one that it lies in (none for the program's own copy).
+    pub fn check(&self, stem: Option<&str>, folder: Option<&Path>, problems: &mut Problems) -> SensorConfig {
         if self.schema != SCHEMA {
             let next =
                 format!("this program reads schema {SCHEMA}; rewrite the file or use a matching release");
             problems.push("schema", self.schema, SCHEMA.to_string(), next);
         }
-        if self.name != stem {
+        if let Some(stem) = stem.filter(|stem| *stem != self.name) {
             let next = "plans and rigs name a sensor by its file: make the two agree";
             problems.push(
                 "name",
@@ -150,7 +150,7 @@ mod tests {
         let check = |parts: &str| {
             let file: SensorFile = toml::from_str(&format!("{text}\n{parts}")).unwrap();
             let mut problems = Problems::new();
-            file.check("domed", None, &mut problems);
+            file.check(Some("domed"), None, &mut problems);
             problems.into_vec()
         };
         assert_eq!(check(parts), Vec::new());
@@ -169,6 +169,18 @@ mod tests {
     }
 
     #[test]
+    fn a_sensor_that_is_asked_for_by_its_name_is_called_as_its_file() {
+        let file: SensorFile =
+            toml::from_str(include_str!("../../rig_configs/sensors/gelsight.toml")).unwrap();
+        for (stem, keys) in [(Some("gelsight"), &[][..]), (Some("mine"), &["name"]), (None, &[])] {
+            let mut problems = Problems::new();
+            file.check(stem, None, &mut problems);
+            let found: Vec<String> = problems.into_vec().into_iter().map(|p| p.key).collect();
+            assert_eq!(found, keys, "{stem:?}");
+        }
+    }
+
+    #[test]
     fn the_untouched_picture_is_read_beside_the_file_and_has_the_cameras_size() {
         let folder = tempfile::tempdir().unwrap();
         let text = include_str!("../../rig_configs/sensors/gelsight.toml");
@@ -176,7 +188,7 @@ mod tests {
         let file: SensorFile = toml::from_str(&text).unwrap();
         let check = || {
             let mut problems = Problems::new();
-            let sensor = file.check("gelsight", Some(folder.path()), &mut problems);
+            let sensor = file.check(Some("gelsight"), Some(folder.path()), &mut problems);
             (sensor.untouched, problems.into_vec())
         };
         let (untouched, problems) = check();

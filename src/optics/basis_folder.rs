@@ -1,7 +1,6 @@
 //! One picture a light in a folder: `<light>.npy`, linear RGB float32 for radiance 1, and `basis.json`, which names the
-//! lights in order with the radiances that the scene has for them and, where it is known, the relRMSE to expect of each picture.
-//! Of a sensor there is `sensor.json`, too: its camera, and
-//! the energies in its file.
+//! lights in order with the radiances that the scene has for them and, where it is known, the relRMSE to expect of each picture
+//! and of their sum in those radiances. Of a sensor there is `sensor.json`, too: its camera, and the energies in its file.
 
 use super::light::is_radiance;
 use super::sensor_basis::SensorCamera;
@@ -24,8 +23,30 @@ pub struct Contents {
     pub radiances: Vec<Vec3>,
     /// relRMSE to expect of each picture, where it is known.
     pub errors: Option<Vec<f64>>,
+    /// relRMSE to expect of their sum in those radiances, where it is known.
+    pub error_of_sum: Option<f64>,
     /// The camera of a sensor; a scene has none.
     pub camera: Option<SensorCamera>,
+}
+
+/// What stands in the list's file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct List {
+    lights: Vec<Entry>,
+    /// Of the sum.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    estimated_error: Option<f64>,
+}
+
+impl List {
+    /// A bare list of lights will do, which tells nothing of the sum.
+    fn parse(bytes: &[u8]) -> serde_json::Result<Self> {
+        match bytes.trim_ascii_start().first() {
+            Some(b'[') => serde_json::from_slice(bytes).map(|lights| Self { lights, estimated_error: None }),
+            _ => serde_json::from_slice(bytes),
+        }
+    }
 }
 
 /// A light of a folder.
@@ -39,14 +60,23 @@ struct Entry {
     estimated_error: Option<f64>,
 }
 
-/// Writes pictures, list and camera; the folder is made.
+/// Writes pictures, list and camera; the folder is made, and a basis that it held is removed. The list goes first and comes
+/// last: what is cut short reads as no basis, never as one of two.
 ///
 /// # Errors
-/// When a file cannot be written.
+/// When a file cannot be written, or an old one not removed.
 pub fn write(folder: &Path, contents: &Contents) -> Result<(), Error> {
-    let Contents { basis, radiances, errors, camera } = contents;
+    let Contents { basis, radiances, errors, error_of_sum, camera } = contents;
     std::fs::create_dir_all(folder).map_err(|e| fault("write", folder, &e))?;
-    write_camera(&folder.join(SENSOR), camera.as_ref())?;
+    // (Numbered pictures beside no list may be anybody's.)
+    if folder.join(LIST).exists() {
+        remove_files(folder)?;
+    }
+    // What was cut short may have left a camera, which would be taken for that of this one.
+    remove_file(&folder.join(SENSOR))?;
+    if let Some(camera) = camera {
+        write_json(&folder.join(SENSOR), camera)?;
+    }
     let entry = |(k, (light, radiance)): (usize, (&String, &Vec3))| {
         // Names come from files: what may stand in a file's name stays, the number keeps them apart.
         let plain = light.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' });
@@ -54,22 +84,11 @@ pub fn write(folder: &Path, contents: &Contents) -> Result<(), Error> {
         let estimated_error = errors.as_ref().map(|errors| errors[k]);
         Entry { light: light.clone(), file, radiance: radiance.to_array(), estimated_error }
     };
-    let list: Vec<Entry> = basis.names.iter().zip(radiances).enumerate().map(entry).collect();
-    for (entry, film) in list.iter().zip(&basis.films) {
+    let lights: Vec<Entry> = basis.names.iter().zip(radiances).enumerate().map(entry).collect();
+    for (entry, film) in lights.iter().zip(&basis.films) {
         film.write_npy(&folder.join(&entry.file))?;
     }
-    write_json(&folder.join(LIST), &list)
-}
-
-fn write_camera(path: &Path, camera: Option<&SensorCamera>) -> Result<(), Error> {
-    match camera {
-        Some(camera) => write_json(path, camera),
-        // One that an earlier basis left here would be taken for that of this one.
-        None => match std::fs::remove_file(path) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(fault("write", path, &e)),
-            _ => Ok(()),
-        },
-    }
+    write_json(&folder.join(LIST), &List { lights, estimated_error: *error_of_sum })
 }
 
 fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Error> {
@@ -90,16 +109,30 @@ fn read_camera(path: &Path) -> Result<Option<SensorCamera>, Error> {
 /// # Errors
 /// When something is there and cannot be removed.
 pub fn remove(folder: &Path) -> Result<(), Error> {
-    let Ok(files) = std::fs::read_dir(folder) else { return Ok(()) };
-    for path in files.flatten().map(|file| file.path()) {
-        let is_ours = path.file_name().and_then(|name| name.to_str()).is_some_and(is_of_basis);
-        if is_ours {
-            std::fs::remove_file(&path).map_err(|e| fault("remove", &path, &e))?;
-        }
-    }
+    remove_files(folder)?;
     // (What is not ours stays, and its folder.)
     let _ = std::fs::remove_dir(folder);
     Ok(())
+}
+
+/// Removes a basis from a folder that stays, its list first.
+fn remove_files(folder: &Path) -> Result<(), Error> {
+    remove_file(&folder.join(LIST))?;
+    let Ok(files) = std::fs::read_dir(folder) else { return Ok(()) };
+    for path in files.flatten().map(|file| file.path()) {
+        if path.file_name().and_then(|name| name.to_str()).is_some_and(is_of_basis) {
+            remove_file(&path)?;
+        }
+    }
+    Ok(())
+}
+
+/// Removes a file that may be there.
+fn remove_file(path: &Path) -> Result<(), Error> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(fault("remove", path, &e)),
+        _ => Ok(()),
+    }
 }
 
 /// Whether a file's name is one that [`write`] gives: the list's, the sensor's, or that of a numbered picture.
@@ -119,13 +152,13 @@ pub fn read(folder: &Path) -> Result<Contents, Error> {
         _ => fault("read", &path, &e),
     })?;
     let wrong = |reason| wrong(&path, reason);
-    let list: Vec<Entry> = serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))?;
-    if let Some(entry) = list.iter().find(|e| !is_radiance(Vec3::from_array(e.radiance))) {
+    let List { lights, estimated_error } = List::parse(&bytes).map_err(|e| wrong(e.to_string()))?;
+    if let Some(entry) = lights.iter().find(|e| !is_radiance(Vec3::from_array(e.radiance))) {
         let Entry { light, radiance, .. } = entry;
         return Err(wrong(format!("the radiance of {light} is {radiance:?}, allowed are 0 to 1e12")));
     }
     let mut films = Vec::new();
-    for entry in &list {
+    for entry in &lights {
         let path = folder.join(&entry.file);
         let bytes = std::fs::read(&path).map_err(|e| match e.kind() {
             std::io::ErrorKind::NotFound => {
@@ -139,10 +172,11 @@ pub fn read(folder: &Path) -> Result<Contents, Error> {
     if films.is_empty() || films.iter().any(|f| size(f) != size(&films[0])) {
         return Err(wrong("its pictures are none, or of several sizes".to_owned()));
     }
-    let radiances = list.iter().map(|e| Vec3::from_array(e.radiance)).collect();
-    let errors = list.iter().map(|e| e.estimated_error).collect();
-    let basis = LightBasis { names: list.into_iter().map(|e| e.light).collect(), films };
-    Ok(Contents { basis, radiances, errors, camera: read_camera(&folder.join(SENSOR))? })
+    let radiances = lights.iter().map(|e| Vec3::from_array(e.radiance)).collect();
+    let errors = lights.iter().map(|e| e.estimated_error).collect();
+    let basis = LightBasis { names: lights.into_iter().map(|e| e.light).collect(), films };
+    let camera = read_camera(&folder.join(SENSOR))?;
+    Ok(Contents { basis, radiances, errors, error_of_sum: estimated_error, camera })
 }
 
 /// A folder in which nothing was rendered light by light.
@@ -189,6 +223,37 @@ mod tests {
     }
 
     #[test]
+    fn a_basis_takes_the_place_of_another_and_half_of_one_reads_as_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let of = |names: &[&str]| {
+            let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+            let films = vec![Film { width: 1, height: 1, pixels: vec![Vec3::ONE] }; names.len()];
+            let radiances = vec![Vec3::ONE; names.len()];
+            let basis = LightBasis { names, films };
+            Contents { basis, radiances, errors: None, error_of_sum: None, camera: None }
+        };
+        let files = || {
+            let names = std::fs::read_dir(folder.path()).unwrap().map(|file| file.unwrap().file_name());
+            let mut names: Vec<String> = names.map(|name| name.into_string().unwrap()).collect();
+            names.sort();
+            names
+        };
+        for name in ["notes.txt", "3_mine.npy"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        write(folder.path(), &of(&["blue"])).unwrap();
+        assert_eq!(files(), ["0_blue.npy", "3_mine.npy", LIST, "notes.txt"]);
+        write(folder.path(), &of(&["blue", "red", "white"])).unwrap();
+        write(folder.path(), &of(&["green"])).unwrap();
+        assert_eq!(files(), ["0_green.npy", LIST, "notes.txt"]);
+        // What is in a picture's way stops it: neither basis is there.
+        std::fs::create_dir(folder.path().join("1_left.npy")).unwrap();
+        write(folder.path(), &of(&["right", "left"])).unwrap_err();
+        let told = read(folder.path()).unwrap_err().to_string();
+        assert!(told.contains("holds no basis"), "{told}");
+    }
+
+    #[test]
     fn a_folder_gives_back_what_was_written_and_names_what_it_lacks() {
         let folder = std::env::temp_dir().join(format!("twinrig-basis-{}", std::process::id()));
         let film = |v: f32| Film { width: 3, height: 2, pixels: vec![Vec3::splat(v); 6] };
@@ -198,8 +263,11 @@ mod tests {
         let image = ImageSpec { exposure: Some(0.4), gamma: Some(1.8), ..ImageSpec::default() };
         let camera = SensorCamera { image, file_gives_exposure: true, energies: vec![100.0, 7.5] };
         // A scene's basis in the folder of a sensor's leaves no camera behind.
-        for (camera, errors) in [(Some(camera), None), (None, Some(vec![0.004, 0.0025]))] {
-            let contents = Contents { basis: basis.clone(), radiances: radiances.clone(), errors, camera };
+        for (camera, errors, error_of_sum) in
+            [(Some(camera), None, None), (None, Some(vec![0.004, 0.0025]), Some(0.003))]
+        {
+            let basis = basis.clone();
+            let contents = Contents { basis, radiances: radiances.clone(), errors, error_of_sum, camera };
             write(&folder, &contents).unwrap();
             assert_eq!(read(&folder).unwrap(), contents);
         }
@@ -214,6 +282,11 @@ mod tests {
             let told = read(&folder).unwrap_err().to_string();
             assert!(told.contains(what) && !told.contains("permissions"), "{told}");
         }
+        // A list of nothing but lights is one.
+        let mut lights: serde_json::Value = serde_json::from_str(&list).unwrap();
+        std::fs::write(folder.join(LIST), lights["lights"].take().to_string()).unwrap();
+        let alone = read(&folder).unwrap();
+        assert_eq!((alone.errors, alone.error_of_sum), (Some(vec![0.004, 0.0025]), None));
         std::fs::write(folder.join(LIST), list).unwrap();
         let picture = folder.join("1_right.npy");
         let doubles = String::from_utf8_lossy(&film(2.0).to_npy()).replace("<f4", "<f8");

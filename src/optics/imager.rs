@@ -45,7 +45,7 @@ pub struct Imager {
     background: Option<Texture>,
     /// What is on the coating.
     albedo: Option<Arc<Texture>>,
-    /// Linear picture of the untouched sensor, and where each pixel sees the face.
+    /// Light on the untouched sensor under the lens's blur, and where each pixel sees the face.
     untouched: Film,
     untouched_uv: Vec<Option<Vec2>>,
     exposure: f32,
@@ -151,10 +151,10 @@ impl Imager {
             let noise = seen.estimated_error;
             imager.notices.push(Notice::FellBack { why, samples: settings.samples, noise });
         }
-        imager.untouched = seen.light.clone();
+        imager.untouched = imaging::blurred(&seen.light, &sensor.image).into_owned();
         imager.untouched_uv = seen.sights.iter().map(|s| s.map(|s| s.uv)).collect();
         let image_mean = imager.background.as_ref().map(|b| b.mean().element_sum() / 3.0);
-        imager.exposure = imaging::exposure(&sensor.image, &imager.untouched, image_mean);
+        imager.exposure = imaging::exposure(&sensor.image, &seen.light, image_mean);
         Ok(imager)
     }
 
@@ -193,8 +193,10 @@ impl Imager {
         let rgb = match (&self.background, self.sensor.texture) {
             (Some(background), TextureMode::Ratio) => {
                 let worn = Worn { image: background, light: &self.untouched, uv: &self.untouched_uv };
-                // The image has been through the camera, and brings its noise along: none is added to it.
-                response::encode(&worn.relit(light, sights), &self.sensor.image)
+                // The image has been through the camera, and brings its blur and noise along: none is added to it. What
+                // a press does to the light comes through the same lens.
+                let light = imaging::blurred(light, &self.sensor.image);
+                response::encode(&worn.relit(&light, sights), &self.sensor.image)
             }
             _ => imaging::expose(light, &self.sensor.image, self.exposure, index),
         };
@@ -215,6 +217,7 @@ impl Imager {
             basis: films.clone(),
             radiances: scene.lights.iter().map(|l| l.radiance).collect(),
             errors: errors.clone(),
+            error_of_sum: estimated_error,
             camera: Some(self.camera()),
         });
         let render_s = made_ready.elapsed().as_secs_f64();

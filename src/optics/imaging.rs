@@ -9,6 +9,7 @@ use super::response::{decode, encode};
 use super::{Film, blur, sampler::hash, sensor::ImageSpec};
 use glam::Vec3;
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Mean of the untouched picture, linear, where no image of the untouched sensor gives it (found by
 /// experiment: a mid grey after the sRGB curve, with headroom for the bright flanks).
@@ -54,6 +55,16 @@ pub fn arriving(film: &Film, spec: &ImageSpec, exposure: f32) -> Film {
         blur::blur(&mut light, spec.blur_px as f32);
     }
     light
+}
+
+/// Light as the lens blurs it, before anything else.
+pub fn blurred<'a>(light: &'a Film, spec: &ImageSpec) -> Cow<'a, Film> {
+    if spec.blur_px <= 0.0 {
+        return Cow::Borrowed(light);
+    }
+    let mut light = light.clone();
+    blur::blur(&mut light, spec.blur_px as f32);
+    Cow::Owned(light)
 }
 
 /// The light with the camera's noise on it.

@@ -4,6 +4,9 @@
 //! A point seen at p that lay at q shows I0(q) E(p)/E0(q). Where the face is squeezed or leans away, a pixel sees more of
 //! the image than one of its pixels: the image is averaged over that. Where nothing has changed each pixel is that of the
 //! image, to the bit.
+//!
+//! Both lights are as the lens blurs them, as the image is: the ratio of sharp ones would draw rims that no camera sees. What
+//! the lens darkens towards the corners cancels.
 
 use super::reference::Sight;
 use super::{Film, Texture};
@@ -14,7 +17,7 @@ use rayon::prelude::*;
 pub struct Worn<'a> {
     /// The image, linear.
     pub image: &'a Texture,
-    /// The light on the untouched face, on the camera's raster.
+    /// The light on the untouched face, on the camera's raster, blurred as the lens does.
     pub light: &'a Film,
     /// Where each pixel saw the untouched face.
     pub uv: &'a [Option<Vec2>],
@@ -28,7 +31,7 @@ const SHARP_PX: f32 = 0.02;
 const WIDEST_PX: f32 = 15.0;
 
 impl Worn<'_> {
-    /// The image under this light; `sights` is where each pixel sees the face now.
+    /// The image under this light, which is blurred as the untouched one is; `sights` is where each pixel sees the face now.
     pub fn relit(&self, light: &Film, sights: &[Option<Sight>]) -> Film {
         let (width, height) = (light.width, light.height);
         let raster = Vec2::new(width as f32, height as f32);

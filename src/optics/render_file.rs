@@ -68,7 +68,7 @@ pub struct Times {
     pub best_light_s: f64,
     /// From one picture a light to the picture in the scene's colours, at best (with a basis).
     pub best_recolour_s: Option<f64>,
-    /// Whether no light of the scene shines: the picture is black.
+    /// Whether the picture is black: no light of the scene shines, or none of it comes back.
     pub is_dark: bool,
     /// The scene's lights, linear.
     #[serde(skip)]
@@ -213,7 +213,7 @@ fn render_on_pool(
         best_structure_s: best[0],
         best_light_s: best[1],
         best_recolour_s: basis.as_ref().map(|_| best[2]),
-        is_dark: radiances.iter().all(|radiance| *radiance == Vec3::ZERO),
+        is_dark: picture.pixels.iter().all(|pixel| *pixel == Vec3::ZERO),
         radiances,
         prepared_before,
         estimated_error,

@@ -117,7 +117,8 @@ impl SensorOptics {
             ("grain", self.grain.as_ref().is_some_and(GrainSpec::shows)),
             ("texture = \"lit\"", self.texture == TextureMode::Lit),
         ];
-        if self.coating.cover() < 1.0 {
+        // (What follows from the roughness is less than 1 wherever that is one.)
+        if self.coating.flakes != Some(1.0) {
             return;
         }
         for (key, _) in worn.into_iter().filter(|(_, is_there)| *is_there) {
@@ -128,6 +129,11 @@ impl SensorOptics {
                 format!("use fewer flakes, e.g. 0.9, or leave out {key}"),
             );
         }
+    }
+
+    /// The housing, where it has an inside that things can be in.
+    fn walls(&self) -> Option<&HousingSpec> {
+        self.housing.as_ref().filter(|housing| housing.has_inside())
     }
 
     fn check_baffles(&self, problems: &mut Problems) {
@@ -142,7 +148,7 @@ impl SensorOptics {
                         "give each baffle a name of its own, e.g. \"left hood\": messages tell it by that",
                     );
                 }
-                baffle.check(self.housing.as_ref(), self.plate.as_ref(), p);
+                baffle.check(self.walls(), self.plate.as_ref(), p);
             });
         }
     }
@@ -159,7 +165,7 @@ impl SensorOptics {
                         "give each light a name of its own, e.g. \"left\": pictures and records are told apart by it",
                     );
                 }
-                light.check(self.housing.as_ref(), p);
+                light.check(self.walls(), p);
             });
         }
         if self.lights.is_empty() {

@@ -49,7 +49,9 @@ pub fn scene(
             material: Material::Lambert { albedo: Albedo::grey(h.albedo as f32) },
         });
     }
-    if let Some(p) = &sensor.plate {
+    // (The fast mode prepares a plate for half a minute.)
+    let plate = sensor.plate.as_ref().filter(|plate| plate.shows());
+    if let Some(p) = plate {
         // It protrudes through the walls, so that no light slips past its rim.
         let half = match &sensor.housing {
             Some(h) => [h.x_mm, h.y_mm].map(|e| e[0].abs().max(e[1].abs()) as f32 + 0.1),
@@ -86,7 +88,7 @@ pub fn scene(
         });
     }
     // The faces of clear bodies are events, too; those of the file are scatterings.
-    let max_events = match u32::from(sensor.plate.is_some()) + u32::from(sensor.lens.is_some()) {
+    let max_events = match u32::from(plate.is_some()) + u32::from(sensor.lens.is_some()) {
         0 => sensor.max_events,
         bodies => ((1 + bodies) * sensor.max_events).max(8 + 8 * bodies),
     };

@@ -204,8 +204,8 @@ impl Renderer<'_> {
     /// give back; pixels over creases are means of a few pieces, and their variance tells the error of the mean. The
     /// constants were found by comparing with the reference (see the tests).
     pub(super) fn estimated_error(&self, pictures: &frame::Pictures, lit: Lit, effort: &Effort) -> f64 {
-        // Without any light a picture is black, and rightly so.
-        if lit == Lit::ByAll && self.once.radiances.iter().all(|radiance| *radiance == Vec3::ZERO) {
+        // A picture without any light is rightly black: of lights that are off, or of parts that reflect nothing.
+        if self.mean_light(pictures, lit) == Vec3::ZERO {
             return 0.0;
         }
         let n = (pictures.films[0].pixels.len() * 3) as f64;

@@ -92,6 +92,49 @@ fn the_ratio_of_the_untouched_sensor_is_its_image() {
     assert_eq!(touched.depth_mm, depth_map(&sensor, &face(&sensor, &pressed())).unwrap());
 }
 
+/// Columns from where a row of the picture has risen by a tenth to where it lacks a tenth, between pixels linearly.
+fn rise_px(rgb: &[u8]) -> f32 {
+    let row: Vec<f32> = (0..48).map(|x| f32::from(rgb[3 * (18 * 48 + x)])).collect();
+    let (low, high) = (row[12], row[35]);
+    let reached = |part: f32| {
+        let level = low + part * (high - low);
+        let after = (12..36).find(|&x| row[x] > level).unwrap();
+        after as f32 - (row[after] - level) / (row[after] - row[after - 1])
+    };
+    reached(0.9) - reached(0.1)
+}
+
+#[test]
+fn an_edge_of_light_is_as_soft_where_the_image_is_relit_by_ratio_as_where_it_is_lit() {
+    let rest = DisplacedSurface::flat(33, 33, [16.0, 16.0]);
+    let mut moved = rest.clone();
+    moved.positions.iter_mut().for_each(|p| p.z -= 0.01);
+    let rgb = [100; 48 * 36 * 3];
+    let rise = |texture: TextureMode, blur_px: f64| {
+        let mut sensor = small_sensor(texture);
+        let (gamma, exposure) = (Some(1.0), Some(1.0));
+        sensor.image = ImageSpec { gamma, exposure, blur_px, ..ImageSpec::default() };
+        let image = Background { width: 48, height: 36, rgb: &rgb };
+        let imager = Imager::new(&sensor, FAST, Some(image), &rest).unwrap();
+        let untouched = imager.seen(&imager.scene(&rest.at_rest()).unwrap()).unwrap().0;
+        // The right half has twice the light of the left; what is worn is relit, else the coat shows it as it is.
+        let mut seen = (*untouched).clone();
+        for (k, p) in seen.light.pixels.iter_mut().enumerate() {
+            let before = if texture == TextureMode::Ratio { *p } else { Vec3::splat(0.3) };
+            *p = if k % 48 < 24 { before } else { 2.0 * before };
+        }
+        let pad = imager.scene(&moved).unwrap().surface(Role::Pad).unwrap().mesh.clone();
+        imager.reuse.or_render(&pad, || Ok::<_, Error>(seen)).unwrap();
+        rise_px(&imager.picture(&moved, 0).unwrap().rgb)
+    };
+    let [lit, relit, sharp] = [(TextureMode::Lit, 1.5), (TextureMode::Ratio, 1.5), (TextureMode::Ratio, 0.0)]
+        .map(|(t, px)| rise(t, px));
+    // A Gaussian's integral takes 2.563 of its standard deviations, and lines between pixels a little more.
+    assert!((lit - 3.95).abs() < 0.25, "{lit}");
+    assert!((relit - lit).abs() < 0.2, "{relit} {lit}");
+    assert!(sharp < 1.0, "{sharp}");
+}
+
 #[test]
 fn a_sensor_without_light_is_told_and_one_with_some_is_not() {
     let rest = DisplacedSurface::flat(33, 33, [16.0, 16.0]);

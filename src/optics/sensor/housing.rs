@@ -8,9 +8,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HousingSpec {
-    /// Inner extent in x, mm.
+    /// Inner extent in x, mm, the smaller end first.
     pub x_mm: [f64; 2],
-    /// Inner extent in y, mm.
+    /// Inner extent in y, mm, the smaller end first.
     pub y_mm: [f64; 2],
     /// From the undeformed face to the ceiling, mm.
     pub height_mm: f64,
@@ -25,12 +25,32 @@ fn default_skirt() -> f64 {
     0.5
 }
 
+/// The least and the greatest height of a ceiling, mm.
+const HEIGHTS_MM: [f64; 2] = [0.5, 500.0];
+
 impl HousingSpec {
+    /// Whether there is anything between its walls and under its ceiling.
+    pub(super) fn has_inside(&self) -> bool {
+        let [low, high] = HEIGHTS_MM;
+        [self.x_mm, self.y_mm].iter().all(|ends| ends[0] < ends[1]) && (low..=high).contains(&self.height_mm)
+    }
+
     pub(super) fn check(&self, camera: &CameraSpec, p: &mut Problems) {
         p.range("albedo", self.albedo, 0.0, 0.95, "");
-        p.range("height_mm", self.height_mm, 0.5, 500.0, "mm");
+        let before = p.len();
+        p.range("height_mm", self.height_mm, HEIGHTS_MM[0], HEIGHTS_MM[1], "mm");
+        let is_ceiling = p.len() == before;
         p.range("skirt_mm", self.skirt_mm, 0.0, 10.0, "mm");
         for (axis, (key, extent)) in [("x_mm", self.x_mm), ("y_mm", self.y_mm)].into_iter().enumerate() {
+            if extent[0] >= extent[1] {
+                let [a, b] = extent;
+                let next = match a > b {
+                    true => format!("swap them: {key} = [{b:?}, {a:?}]"),
+                    false => "give two walls that are apart".to_owned(),
+                };
+                p.push(key, format!("{extent:?}"), "two ends, the smaller one first", next);
+                continue;
+            }
             let half = camera.view_mm()[axis] / 2.0;
             let (low, high) = (camera.center_mm[axis] - half, camera.center_mm[axis] + half);
             if !(extent[0] <= low && extent[1] >= high) {
@@ -42,7 +62,7 @@ impl HousingSpec {
                 );
             }
         }
-        if camera.distance_mm >= self.height_mm {
+        if is_ceiling && camera.distance_mm >= self.height_mm {
             p.push(
                 "height_mm",
                 self.height_mm,
@@ -73,6 +93,11 @@ fn is_polished(roughness: &f64) -> bool {
 }
 
 impl PlateSpec {
+    /// Whether anything of it shows: a polished one of air's index bends no light.
+    pub fn shows(&self) -> bool {
+        self.ior != 1.0 || self.roughness > 0.0
+    }
+
     /// Its sides' heights over the undeformed face, mm.
     pub fn heights_mm(&self) -> [f64; 2] {
         [self.gap_mm, self.gap_mm + self.thickness_mm]

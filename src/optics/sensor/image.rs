@@ -4,8 +4,8 @@ use crate::problem::Problems;
 use serde::{Deserialize, Serialize};
 
 /// What the camera makes of linear light. Every effect is optional. In texture mode `ratio` the untouched image has
-/// been through all of them: its response is undone and done again, and the rest stays as it is in the image, its noise
-/// brighter or darker with the light.
+/// been through all of them: its response is undone and done again, what changes of the light is blurred, and the rest stays
+/// as it is in the image, its noise brighter or darker with the light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImageSpec {

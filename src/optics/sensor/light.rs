@@ -2,6 +2,7 @@
 
 use super::{HousingSpec, place};
 use crate::problem::Problems;
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// One light.
@@ -79,6 +80,11 @@ pub enum LightShapeSpec {
 
 /// What is checked, in messages.
 const KIND: place::Kind = "light";
+/// Nearer than this to a wall a light is mounted on it, mm.
+const AT_WALL_MM: f64 = 0.05;
+/// A light shines into a wall where the cosine between its facing and the way out is more (within 60 degrees of it): beside one
+/// that it grazes there is light.
+const INTO_WALL: f64 = 0.5;
 /// The shortest tube, mm.
 const LEAST_TUBE_MM: f64 = 1e-3;
 
@@ -100,6 +106,9 @@ impl LightSpec {
         p.range("albedo", self.albedo, 0.0, 0.95, "");
         for (key, at) in self.shape.places() {
             place::point(p, KIND, key, &at);
+        }
+        if let Some(housing) = housing {
+            self.check_facing(housing, p);
         }
         match &self.shape {
             LightShapeSpec::Rectangle { facing, size_mm, .. } => {
@@ -131,6 +140,43 @@ impl LightSpec {
                 }
             }
             LightShapeSpec::Mesh { vertices_mm, triangles } => place::triangles(p, vertices_mm, triangles),
+        }
+    }
+
+    /// Refuses a light that shines into the wall at its back: the picture has none of it, and nobody sees why.
+    fn check_facing(&self, housing: &HousingSpec, p: &mut Problems) {
+        let (center_mm, facing) = match &self.shape {
+            LightShapeSpec::Rectangle { center_mm, facing, .. }
+            | LightShapeSpec::Disc { center_mm, facing, .. } => (center_mm, facing),
+            LightShapeSpec::Tube { .. } | LightShapeSpec::Mesh { .. } => return,
+        };
+        if self.two_sided {
+            return;
+        }
+        let normal = DVec3::from_array(*facing).normalize_or_zero();
+        // Each wall by its axis, its place there, the way out and what it is called.
+        let walls = [
+            (0, housing.x_mm[0], -1.0, "x_mm[0]"),
+            (0, housing.x_mm[1], 1.0, "x_mm[1]"),
+            (1, housing.y_mm[0], -1.0, "y_mm[0]"),
+            (1, housing.y_mm[1], 1.0, "y_mm[1]"),
+            (2, -housing.height_mm, -1.0, "height_mm"),
+        ];
+        for (axis, wall, outward, key) in walls {
+            let before_mm = (wall - center_mm[axis]) * outward;
+            if (0.0..AT_WALL_MM).contains(&before_mm) && normal[axis] * outward > INTO_WALL {
+                let mut turned = *facing;
+                turned[axis] = -turned[axis];
+                p.push(
+                    "shape.facing",
+                    format!("{facing:?}"),
+                    format!(
+                        "away from optics.housing.{key}, {before_mm:.3} mm in front of which light {:?} stands",
+                        self.name
+                    ),
+                    format!("turn it: facing = {turned:?}"),
+                );
+            }
         }
     }
 }

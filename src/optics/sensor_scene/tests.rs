@@ -28,6 +28,20 @@ fn lens(front_radius_mm: Option<f64>, ior: f64) -> LensSpec {
     LensSpec { gap_mm: 4.0, thickness_mm: 5.0, diameter_mm: 15.0, front_radius_mm, back_radius_mm: None, ior }
 }
 
+fn request(mode: Mode) -> Request {
+    Request {
+        variant: Variant::Ac,
+        mode,
+        samples: 4,
+        tolerance: 0.01,
+        seed: 0,
+        size: None,
+        repeat: 1,
+        basis: false,
+        store: None,
+    }
+}
+
 fn flat() -> DisplacedSurface {
     DisplacedSurface::flat(33, 33, [16.0, 16.0])
 }
@@ -64,6 +78,20 @@ fn a_lens_of_air_changes_nothing() {
     };
     for (k, (a, b)) in by_light(&without, 256).into_iter().zip(by_light(&with, 1024)).enumerate() {
         assert!((b / a - 1.0).abs() < [0.01, 0.03][k], "light {k}: {b} {a}");
+    }
+}
+
+#[test]
+fn a_plate_of_air_is_no_part_of_the_scene_and_one_that_shows_is() {
+    let without = sensor("");
+    let with = |ior: f64, roughness: f64| {
+        let plate =
+            format!("[plate]\ngap_mm = 4.0\nthickness_mm = 2.0\nior = {ior:?}\nroughness = {roughness:?}\n");
+        scene(&sensor(&plate), &flat(), None).unwrap()
+    };
+    assert_eq!(with(1.0, 0.0), scene(&without, &flat(), None).unwrap());
+    for plate in [with(1.49, 0.0), with(1.0, 0.3)] {
+        assert!(plate.surface(Role::Plate).is_some() && plate.max_events > without.max_events);
     }
 }
 
@@ -180,19 +208,24 @@ fn what_hides_or_bends_light_falls_back_and_names_its_key() {
         assert!(why.starts_with(told), "{why}");
         assert_eq!(imager.picture(&flat(), 0).unwrap().method.name(), "reference");
         // Asked for by name the fast mode refuses.
-        let request = Request {
-            variant: Variant::Ac,
-            mode: Mode::Fast,
-            samples: 1,
-            tolerance: 0.01,
-            seed: 0,
-            size: None,
-            repeat: 1,
-            basis: false,
-            store: None,
-        };
-        let refused = render_sensor(&sensor, &flat(), &request).unwrap_err().to_string();
+        let refused = render_sensor(&sensor, &flat(), &request(Mode::Fast)).unwrap_err().to_string();
         assert!(refused.starts_with(told), "{refused}");
+    }
+}
+
+#[test]
+fn a_picture_of_what_reflects_nothing_is_told_to_be_dark_and_has_no_error() {
+    let lit = sensor("");
+    let mut black = lit.clone();
+    black.coating.albedo = 0.0;
+    black.housing.as_mut().unwrap().albedo = 0.0;
+    black.lights.iter_mut().for_each(|light| light.albedo = 0.0);
+    for (mode, sensor, is_dark) in
+        [(Mode::Reference, &lit, false), (Mode::Reference, &black, true), (Mode::Fast, &black, true)]
+    {
+        let times = render_sensor(sensor, &flat(), &request(mode)).unwrap().times;
+        assert_eq!(times.is_dark, is_dark, "{mode:?}");
+        assert_eq!(times.estimated_error == Some(0.0), is_dark, "{mode:?}: {:?}", times.estimated_error);
     }
 }
 
