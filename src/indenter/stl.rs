@@ -101,6 +101,20 @@ pub enum Defect {
         /// Its other end.
         to: DVec3,
     },
+    /// A part is a surface, not a body.
+    #[error(
+        "has a part (of {parts}) that encloses no volume, near {near} (mm, the tip at height 0): it is {across_mm:.3} mm across and on average {thickness_mm:.6} mm thick; give it a thickness, or remove it"
+    )]
+    Flat {
+        /// How many parts there are.
+        parts: usize,
+        /// A corner of this one.
+        near: DVec3,
+        /// Diagonal of its bounding box, mm.
+        across_mm: f64,
+        /// Its mean thickness, mm.
+        thickness_mm: f64,
+    },
     /// It goes through itself.
     #[error(
         "cuts through itself: the edge from {from} to {to} (mm, the tip at height 0) goes through another face; unite the overlapping solids or untangle the mesh (\"boolean union\" or \"make manifold\" in a mesh editor)"

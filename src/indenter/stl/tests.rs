@@ -231,6 +231,35 @@ fn what_bounds_no_solid_is_refused_and_cavities_are_filled() {
 }
 
 #[test]
+fn surfaces_that_fold_back_enclose_nothing_and_thin_bodies_something() {
+    let refused = |t: Triangles| match load_mm(&t) {
+        Err(Defect::Flat { parts, thickness_mm, .. }) => (parts, thickness_mm < 1e-4),
+        other => panic!("{:?}", other.map(|_| ())),
+    };
+    let [a, b, c, d] =
+        [[-3.1, -2.7, 0.3], [4.3, -1.9, 2.9], [3.7, 2.3, 4.1], [-3.7, 1.5, 1.5]].map(DVec3::from);
+    // Both sides of a triangle, slanted, lying and upright.
+    for place in [DVec3::ONE, DVec3::new(1.0, 1.0, 0.0), DVec3::new(1.0, 0.0, 1.0)] {
+        let t = [a, b, c].map(|v| v * place);
+        assert_eq!(refused(vec![t, [t[0], t[2], t[1]]]), (1, true));
+    }
+    // Both sides of a rectangle, each cut along another diagonal: coordinates are rounded, so a little is enclosed.
+    let slanted = |x: f64, y: f64| a + (b - a) * x + (d - a) * y;
+    let [p, q, r, s] = [slanted(0.0, 0.0), slanted(1.0, 0.0), slanted(1.0, 1.0), slanted(0.0, 1.0)];
+    let sheet = vec![[p, q, r], [p, r, s], [p, s, q], [q, s, r]];
+    assert_eq!(refused(sheet.clone()), (1, true));
+    // A sheet beside a body.
+    let beside = sheet.iter().map(|t| t.map(|v| v + 20.0 * DVec3::X)).collect();
+    assert_eq!(refused([cuboid(DVec3::ZERO, DVec3::splat(4.0)), beside].concat()), (2, true));
+
+    // Foils of 20 um, lying and standing, and a needle.
+    for size in [[10.0, 10.0, 0.02], [10.0, 0.02, 6.0], [0.01, 0.01, 20.0]] {
+        let body = load_mm(&cuboid(DVec3::ZERO, DVec3::from(size))).unwrap();
+        assert!((body.height_mm() - size[2]).abs() < 1e-6);
+    }
+}
+
+#[test]
 fn a_spec_names_a_mesh_relative_to_its_file_and_refuses_to_round_it() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("cube.stl"), binary(&cuboid(DVec3::ZERO, DVec3::splat(4.0)))).unwrap();
