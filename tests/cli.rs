@@ -563,7 +563,8 @@ fn what_optics_cannot_do_is_refused_before_the_work() {
     let at = |name: &str| folder.path().join(name).to_str().expect("a path").to_owned();
     let (out, nowhere, file) = (at("a.npy"), at("none/a.npy"), at("file"));
     std::fs::write(&file, "").expect("a file");
-    let cases: [(&[&str], &str); 20] = [
+    let below = at("file/x");
+    let cases: [(&[&str], &str); 22] = [
         (&["render", SCENE, "--out", &out, "--tolerance", "0.01"], "--mode fast"),
         (&["render", SCENE, "--out", &out, "--mode", "fast", "--seed", "3"], "--mode reference"),
         (&["render", SCENE, "--out", &out, "--mode", "fast", "--spp", "3"], "--mode reference"),
@@ -590,6 +591,8 @@ fn what_optics_cannot_do_is_refused_before_the_work() {
         (&["render", SCENE, "--out", &out, "--basis", &file], "cannot write"),
         (&["bench", "optics", "--cases", "zzz"], "glossy coat"),
         (&["bench", "optics", "--cases", "glossy", "--tolerance", "7"], "0.0001 to 0.5"),
+        (&["bench", "optics", "--quick", "--out", &below], "choose another folder"),
+        (&["bench", "elastomer", "--smoke", "--out", &file], "choose another folder"),
         (&["stress", "optics", "--tolerance", "9"], "0.0001 to 0.5"),
         (&["simulate", VIRTUAL, SMALL, "--out", &nowhere, "--surface", "--background", &file], "--render"),
         (
