@@ -71,7 +71,7 @@ fn load_bytes(bytes: &[u8], unit: LengthUnit, tip: TipEnd) -> Result<Mesh, Defec
     let path = folder.path().join("mesh.stl");
     std::fs::write(&path, bytes).unwrap();
     load("mesh", &path, unit, tip, Centre::Bounds, None).map_err(|e| {
-        assert!(e.to_string().contains("mesh.stl: "));
+        assert!(e.to_string().contains("mesh.stl "));
         e.defect
     })
 }
@@ -153,7 +153,9 @@ fn every_defect_is_named() {
 
     let mut fin = whole.clone();
     fin.push([whole[0][0], whole[0][1], DVec3::new(0.0, 0.0, 9.0)]);
-    assert!(message(load_mm(&fin)).contains("not manifold: 1 edges"));
+    assert!(
+        message(load_mm(&fin)).contains("more than two triangles at 1 edge, the first from [0, 0, 0] to [")
+    );
 
     let mut flipped = whole.clone();
     flipped[0].swap(1, 2);
@@ -164,11 +166,15 @@ fn every_defect_is_named() {
 
     let mut nan = whole.clone();
     nan[3][1].y = f64::NAN;
-    assert!(message(load_mm(&nan)).contains("triangle 3 has a coordinate"));
+    assert!(message(load_mm(&nan)).contains("not a finite number, in triangle 3"));
 
     let metres: Triangles = whole.iter().map(|t| t.map(|v| v * 1e-3)).collect();
-    let guess = message(load_mm(&metres));
-    assert!(guess.contains("0.0040 mm across when read in mm") && guess.contains("unit = \"m\""), "{guess}");
+    let guess = load_mm(&metres).map(|_| ()).unwrap_err();
+    assert!(guess.to_string().contains("0.0040 mm across when read in mm"), "{guess}");
+    assert!(
+        guess.advice().contains("unit = \"m\"") && guess.allowed().contains("0.5 to 200 mm"),
+        "{guess:?}"
+    );
 
     let cut = &binary(&whole)[..400];
     assert!(
@@ -181,6 +187,22 @@ fn every_defect_is_named() {
 
     let missing = load("mesh", Path::new("/nonexistent/a.stl"), mm, TipEnd::MinusZ, Centre::Bounds, None);
     assert!(missing.map(|_| ()).unwrap_err().to_string().contains("cannot be read"));
+}
+
+#[test]
+fn a_defect_is_the_problem_and_its_own_advice_the_next_move() {
+    let (from, to) = (DVec3::new(-1.0 / 3.0, -1e-9, 2.0), DVec3::new(0.1 + 0.2, 0.0, 1e-4));
+    let told = |defect| {
+        let source = Error { path: "open.stl".into(), defect };
+        indenter::Error::Stl { name: "open".to_owned(), source }.problem("indenters[0]")
+    };
+    let open = told(Defect::OpenEdges { count: 1, from, to });
+    let places = "the first from [-0.333333, 0, 2] to [0.3, 0, 0.0001] (file units)";
+    assert_eq!(open.value, format!("open: open.stl is not watertight: 1 open edge, {places}"));
+    assert_eq!((&*open.key, &*open.allowed), ("indenters[0]", "a closed mesh that bounds a solid"));
+    assert!(open.next.starts_with("close the holes"), "{}", open.next);
+    let crossing = told(Defect::Crossing { from, to }).value;
+    assert!(crossing.contains("from [-0.333, 0, 2] to [0.3, 0, 0] (mm"), "{crossing}");
 }
 
 /// A sphere about (x, 0, 4), its triangles turned inwards if asked.
