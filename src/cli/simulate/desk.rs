@@ -25,7 +25,7 @@ impl Desk<'_> {
         let taken = match outcome {
             Outcome::Failed { captures, error } => self.failed(&captures, &error.to_string()),
             Outcome::Deformed(deformed) => {
-                self.twin.tell_doubts(&deformed);
+                self.twin.tell_doubts(&deformed, self.trajectory);
                 self.store(&deformed)
             }
         };
