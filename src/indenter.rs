@@ -49,7 +49,6 @@ pub trait Indenter: Send + Sync + std::fmt::Debug {
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// Numbers in the file make no sense.
-    #[error("indenter {name}: {}", list(.problems))]
     Spec {
         /// Which.
         name: String,
@@ -57,9 +56,6 @@ pub enum Error {
         problems: Vec<Problem>,
     },
     /// The round is wider than the narrowest body it has to fit into.
-    #[error(
-        "indenter {name}: its edges cannot be rounded by {edge_round_mm} mm, the body is too narrow; choose edge_round_mm below {largest_mm:.3} or a wider body"
-    )]
     RoundTooLarge {
         /// Which.
         name: String,
@@ -69,7 +65,6 @@ pub enum Error {
         largest_mm: f64,
     },
     /// The mesh is defective.
-    #[error("indenter {name}: {source}")]
     Stl {
         /// Which.
         name: String,
@@ -77,9 +72,6 @@ pub enum Error {
         source: stl::Error,
     },
     /// Rounding is a property of parametric solids.
-    #[error(
-        "indenter {name}: the edges of a mesh cannot be rounded (edge_round_mm = {edge_round_mm}); round them in the STL file and set edge_round_mm = 0 for this indenter"
-    )]
     RoundOnMesh {
         /// Which.
         name: String,
@@ -88,9 +80,41 @@ pub enum Error {
     },
 }
 
-fn list(problems: &[Problem]) -> String {
-    let line = |p: &Problem| format!("{} = {} (allowed: {}; {})", p.key, p.value, p.allowed, p.next);
-    problems.iter().map(line).collect::<Vec<_>>().join("; ")
+impl Error {
+    /// The same as a problem of the file that names the indenter by `key`.
+    pub fn problem(&self, key: &str) -> Problem {
+        let (name, fault, allowed, next) = match self {
+            Self::Spec { name, problems } => {
+                let list =
+                    |of: &dyn Fn(&Problem) -> String| problems.iter().map(of).collect::<Vec<_>>().join("; ");
+                let fault = list(&|p| format!("{} = {}", p.key, p.value));
+                (name, fault, list(&|p| p.allowed.clone()), list(&|p| p.next.clone()))
+            }
+            Self::RoundTooLarge { name, edge_round_mm, largest_mm } => (
+                name,
+                format!("its edges cannot be rounded by {edge_round_mm} mm, the body is too narrow"),
+                format!("less than {largest_mm:.3} mm"),
+                format!("choose edge_round_mm below {largest_mm:.3} or a wider body"),
+            ),
+            Self::Stl { name, source: stl::Error { path, defect } } => {
+                (name, format!("{} {defect}", path.display()), defect.allowed(), defect.advice().to_owned())
+            }
+            Self::RoundOnMesh { name, edge_round_mm } => (
+                name,
+                format!("the edges of a mesh cannot be rounded (edge_round_mm = {edge_round_mm})"),
+                "0 mm for a mesh".to_owned(),
+                "round them in the STL file and set edge_round_mm = 0 for this indenter".to_owned(),
+            ),
+        };
+        Problem { key: key.to_owned(), value: format!("{name}: {fault}"), allowed, next }
+    }
+}
+
+impl std::fmt::Display for Error {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Problem { value, allowed, next, .. } = self.problem("");
+        write!(f, "indenter {value}; allowed: {allowed}; {next}")
+    }
 }
 
 /// Makes an indenter from its file; `edge_round_mm` replaces the file's own where it is given.

@@ -21,6 +21,7 @@ pub use view::{Picture, View, Wear, untouched_face};
 
 use crate::elastomer::ElastomerCapture;
 use crate::image;
+use crate::motion::Trajectory;
 use crate::optics;
 use serde::{Deserialize, Serialize};
 
@@ -78,9 +79,11 @@ impl Twin {
         self.view.picture(pad, wear, capture)
     }
 
-    /// Warns, once, of an answer of the elastomer that is in doubt.
-    pub fn tell_doubts(&self, deformed: &Deformed) {
-        self.doubts.tell(&deformed.captures, &deformed.pad.stats, &self.model.settings);
+    /// Warns, once, of an answer of the elastomer that is in doubt. Its captures are those of `trajectory`.
+    pub fn tell_doubts(&self, deformed: &Deformed, trajectory: &Trajectory) {
+        let mut marks = deformed.captures.iter().map(|capture| &trajectory.captures[*capture as usize]);
+        let slid = marks.any(|mark| mark.slip_mm != 0.0 || mark.rotation_deg != 0.0);
+        self.doubts.tell(&deformed.captures, slid, &deformed.pad.stats, &self.model.settings);
     }
 
     /// Lattice on which the pad's face is sampled for pictures.

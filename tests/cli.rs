@@ -206,6 +206,36 @@ fn a_simulation_that_is_stopped_leaves_its_account() {
     }
 }
 
+#[test]
+fn a_simulation_that_fails_is_not_complete_and_says_where() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().to_str().expect("a path");
+    // So short a step takes more steps than are allowed.
+    let settings = ["elastomer.mode=impm", "elastomer.dt_s=1e-8", "elastomer.speed_mm_s=0.1"];
+    let mut args = vec!["simulate", VIRTUAL, SMALL, "--out", out, "--surface", "--captures", "1-2", "--json"];
+    for setting in settings.iter().chain(&["elastomer.particles=[41, 41, 9]"]) {
+        args.extend(["--set", setting]);
+    }
+    let output = run(&args);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).expect("a summary");
+    assert_eq!([&summary["captures"], &summary["simulated"], &summary["failed"]], [2, 0, 2], "{summary}");
+    assert_eq!(summary["is_complete"], false);
+    let rows = std::fs::read_to_string(folder.path().join("captures.jsonl")).expect("rows");
+    let rows: Vec<serde_json::Value> =
+        rows.lines().map(|l| serde_json::from_str(l).expect("a whole line")).collect();
+    assert_eq!(rows.len(), 2);
+    for (row, (capture, z_mm)) in rows.iter().zip([(1, -0.3), (2, -0.6)]) {
+        assert_eq!(
+            [&row["capture"], &row["pose"]["z_mm"]],
+            [&serde_json::json!(capture), &z_mm.into()],
+            "{row}"
+        );
+        assert_eq!([&row["status"], &row["indenter"]], ["failed", "sphere"]);
+        assert!(row["error"].as_str().is_some_and(|why| why.contains("elastomer.speed_mm_s")), "{row}");
+    }
+}
+
 /// It has no rig to home.
 #[test]
 fn a_simulation_that_is_stopped_at_once_says_what_is_stored_and_how_to_go_on() {
@@ -535,7 +565,8 @@ fn what_optics_cannot_do_is_refused_before_the_work() {
     let at = |name: &str| folder.path().join(name).to_str().expect("a path").to_owned();
     let (out, nowhere, file) = (at("a.npy"), at("none/a.npy"), at("file"));
     std::fs::write(&file, "").expect("a file");
-    let cases: [(&[&str], &str); 20] = [
+    let below = at("file/x");
+    let cases: [(&[&str], &str); 22] = [
         (&["render", SCENE, "--out", &out, "--tolerance", "0.01"], "--mode fast"),
         (&["render", SCENE, "--out", &out, "--mode", "fast", "--seed", "3"], "--mode reference"),
         (&["render", SCENE, "--out", &out, "--mode", "fast", "--spp", "3"], "--mode reference"),
@@ -562,6 +593,8 @@ fn what_optics_cannot_do_is_refused_before_the_work() {
         (&["render", SCENE, "--out", &out, "--basis", &file], "cannot write"),
         (&["bench", "optics", "--cases", "zzz"], "glossy coat"),
         (&["bench", "optics", "--cases", "glossy", "--tolerance", "7"], "0.0001 to 0.5"),
+        (&["bench", "optics", "--quick", "--out", &below], "choose another folder"),
+        (&["bench", "elastomer", "--smoke", "--out", &file], "choose another folder"),
         (&["stress", "optics", "--tolerance", "9"], "0.0001 to 0.5"),
         (&["simulate", VIRTUAL, SMALL, "--out", &nowhere, "--surface", "--background", &file], "--render"),
         (

@@ -1,7 +1,7 @@
 //! `twinrig simulate RIG PLAN --out DIR`: the twin alone.
 //!
 //! Writes `captures.jsonl`, a line for each capture with its pose, the forces, the solver's account and
-//! the seconds it took. With `--surface` the displaced surface of each capture goes to
+//! the seconds it took, or with its pose and why it failed. With `--surface` the displaced surface of each capture goes to
 //! `surface/<capture>.npy` (float32 [ny][nx][3], mm, pad frame) and nothing is rendered unless `--render`
 //! or `--basis` asks for it too; without `--surface` pictures and depth maps are rendered. With `--basis` the light of each
 //! capture goes to a folder `basis/<capture>/` as `render --basis` writes one, for [`relight`](super::relight).
@@ -153,12 +153,12 @@ impl Args {
         let roots = grow(trajectory, &wanted, |i| trajectory.waypoints[i].pose);
         let emit = |outcome| desk.take(outcome);
         let (model, crew) = (&twin.model, &twin.crew);
-        let is_complete =
-            Walk { model, lattice: model.settings.surface, crew, cancel, emit: &emit }.run(&roots);
+        Walk { model, lattice: model.settings.surface, crew, cancel, emit: &emit }.run(&roots);
         bar.finish_and_clear();
         let (simulated, failed) = desk.account.close()?;
-        let seconds = begun.elapsed().as_secs_f64();
-        Ok(Summary { out: self.out.clone(), captures: wanted.len(), simulated, failed, is_complete, seconds })
+        let (captures, seconds) = (wanted.len(), begun.elapsed().as_secs_f64());
+        let is_complete = simulated == captures;
+        Ok(Summary { out: self.out.clone(), captures, simulated, failed, is_complete, seconds })
     }
 
     /// Removes what an earlier run left in the same folder, so that nothing of it is taken for this one's.
@@ -237,6 +237,7 @@ struct Summary {
     captures: usize,
     simulated: usize,
     failed: usize,
+    /// Whether every capture asked for was simulated.
     is_complete: bool,
     seconds: f64,
 }
@@ -244,7 +245,7 @@ struct Summary {
 impl std::fmt::Display for Summary {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}: {} of {} captures simulated", self.out.display(), self.simulated, self.captures)?;
-        if !self.is_complete {
+        if self.simulated + self.failed < self.captures {
             write!(f, ", stopped (--captures with the others, into another --out, goes on)")?;
         }
         if self.failed > 0 {

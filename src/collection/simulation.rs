@@ -120,7 +120,7 @@ impl Simulation {
                 true
             }
             Outcome::Deformed(deformed) => {
-                self.twin.tell_doubts(&deformed);
+                self.twin.tell_doubts(&deformed, self.dataset.trajectory());
                 let stored = self
                     .twin
                     .picture(&deformed.pad, wear, deformed.captures[0])

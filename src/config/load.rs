@@ -426,12 +426,7 @@ impl Loader {
                 Ok(body) => {
                     indenters.insert(name.clone(), IndenterConfig { edge_round_mm, body });
                 }
-                Err(error) => self.findings.push(plan_document.complain(
-                    &key,
-                    name,
-                    error.to_string(),
-                    "correct the indenter's file, or edge_round_mm in the plan",
-                )),
+                Err(error) => self.findings.push(plan_document.finding(&error.problem(&key))),
             }
         }
         indenters

@@ -3,6 +3,8 @@
 //! Lengths are mm in the indenter's own frame (tip at z = 0, body towards +z, x and y as the pad's at
 //! zero rotation). `edge_round_mm` takes convex edges off inwards: faces stay where they are.
 
+mod polygon;
+
 use crate::problem::Problems;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -367,7 +369,7 @@ impl Plan {
                 p.range("corners", f64::from(*corners), 3.0, 360.0, "");
                 length(p, "across_corners_mm", *across_corners_mm);
             }
-            Plan::Polygon { corners_mm } => check_polygon(p, corners_mm),
+            Plan::Polygon { corners_mm } => polygon::check(p, corners_mm),
             Plan::Crescent { outer_diameter_mm, cut_diameter_mm, cut_offset_mm } => {
                 length(p, "outer_diameter_mm", *outer_diameter_mm);
                 length(p, "cut_diameter_mm", *cut_diameter_mm);
@@ -384,39 +386,4 @@ impl Plan {
             }
         }
     }
-}
-
-fn check_polygon(p: &mut Problems, corners: &[[f64; 2]]) {
-    let n = corners.len();
-    if n < 3 {
-        p.push("corners_mm", format!("{n} corners"), "at least 3 corners", "add corners");
-        return;
-    }
-    if corners.iter().flatten().any(|v| !v.is_finite() || v.abs() > 50.0) {
-        p.push("corners_mm", "a coordinate", "-50 to 50 mm", "choose coordinates from -50 to 50 mm");
-        return;
-    }
-    let at = |i: usize| glam::DVec2::from(corners[i % n]);
-    for (i, corner) in corners.iter().enumerate() {
-        if at(i).distance(at(i + 1)) < 1e-6 {
-            p.push(&format!("corners_mm.[{i}]"), format!("{corner:?}"), "distinct corners", "remove it");
-        }
-        for j in i + 2..n {
-            let neighbours = i == 0 && j == n - 1;
-            if !neighbours && cross(at(i), at(i + 1), at(j), at(j + 1)) {
-                p.push(
-                    "corners_mm",
-                    format!("sides {i} and {j} cross"),
-                    "a simple polygon",
-                    "put the corners in order around the outline",
-                );
-            }
-        }
-    }
-}
-
-/// Whether two line segments share a point in their interiors.
-fn cross(a: glam::DVec2, b: glam::DVec2, c: glam::DVec2, d: glam::DVec2) -> bool {
-    let side = |p: glam::DVec2, q: glam::DVec2, r: glam::DVec2| (q - p).perp_dot(r - p);
-    side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0
 }

@@ -6,11 +6,14 @@
 //! sharp features are kept: nothing is resampled. Edges of a mesh cannot be rounded. What the first two and the last stage made
 //! of a large file is [`kept`] for later runs.
 
+pub mod defect;
 pub mod kept;
 pub mod mesh;
 pub mod read;
 pub mod solidity;
 pub mod topology;
+
+pub use defect::Defect;
 
 use super::spec::{Centre, LengthUnit, TipEnd};
 use crate::cache::Store;
@@ -24,113 +27,12 @@ const PLAUSIBLE_MM: (f64, f64) = (0.5, 200.0);
 
 /// Why a file did not become an indenter.
 #[derive(Debug, thiserror::Error)]
-#[error("{path}: {defect}")]
+#[error("{path} {defect}; {}", .defect.advice())]
 pub struct Error {
     /// The file.
     pub path: PathBuf,
     /// What is wrong with it.
     pub defect: Defect,
-}
-
-/// What is wrong with a mesh.
-#[derive(Debug, thiserror::Error)]
-pub enum Defect {
-    /// The file cannot be read.
-    #[error("cannot be read ({0}); check the path, which is relative to the indenter file")]
-    Unreadable(#[from] std::io::Error),
-    /// Neither form of STL.
-    #[error("is not an STL file ({0}); export the mesh as binary or ASCII STL")]
-    NotStl(String),
-    /// A binary file with fewer bytes than its triangle count needs.
-    #[error(
-        "is cut short: {triangles} triangles need {expected} bytes, there are {found}; copy or export it again"
-    )]
-    Truncated {
-        /// Count in the header.
-        triangles: u32,
-        /// Bytes needed.
-        expected: u64,
-        /// Bytes there.
-        found: u64,
-    },
-    /// No triangle.
-    #[error("holds no triangle (of {given} given, all are degenerate); export the solid again")]
-    Empty {
-        /// Triangles in the file.
-        given: usize,
-    },
-    /// A coordinate that is no number.
-    #[error("triangle {triangle} has a coordinate that is not a finite number; repair the mesh")]
-    NotFinite {
-        /// Which, from 0.
-        triangle: usize,
-    },
-    /// A hole.
-    #[error(
-        "is not watertight: {count} open edges, the first from {from} to {to} (file units); close the holes (e.g. \"make manifold\" in a mesh editor)"
-    )]
-    OpenEdges {
-        /// How many.
-        count: usize,
-        /// One end of the first.
-        from: DVec3,
-        /// Its other end.
-        to: DVec3,
-    },
-    /// More than two triangles at an edge.
-    #[error(
-        "is not manifold: {count} edges have more than two triangles, the first from {from} to {to} (file units); remove inner faces or separate the touching solids"
-    )]
-    NonManifold {
-        /// How many.
-        count: usize,
-        /// One end of the first.
-        from: DVec3,
-        /// Its other end.
-        to: DVec3,
-    },
-    /// Neighbouring triangles disagree about the outside.
-    #[error(
-        "has {count} edges whose two triangles face opposite ways, the first from {from} to {to} (file units); recalculate the normals"
-    )]
-    Orientation {
-        /// How many.
-        count: usize,
-        /// One end of the first.
-        from: DVec3,
-        /// Its other end.
-        to: DVec3,
-    },
-    /// It goes through itself.
-    #[error(
-        "cuts through itself: the edge from {from} to {to} (mm, the tip at height 0) goes through another face; unite the overlapping solids or untangle the mesh (\"boolean union\" or \"make manifold\" in a mesh editor)"
-    )]
-    Crossing {
-        /// One end of the first such edge.
-        from: DVec3,
-        /// Its other end.
-        to: DVec3,
-    },
-    /// A part lies in another, or is inside out.
-    #[error(
-        "has a part (of {parts}) that lies in another or is inside out, near {near} (mm, the tip at height 0); remove or unite it, or recalculate its normals"
-    )]
-    Misplaced {
-        /// How many parts there are.
-        parts: usize,
-        /// Where that was seen.
-        near: DVec3,
-    },
-    /// The size is implausible for an indenter.
-    #[error("is {extent_mm:.4} mm across when read in {unit}, an indenter is {} to {} mm; {advice}", PLAUSIBLE_MM.0, PLAUSIBLE_MM.1)]
-    Size {
-        /// Largest extent, mm.
-        extent_mm: f64,
-        /// Unit it was read in.
-        unit: &'static str,
-        /// What to try.
-        advice: String,
-    },
 }
 
 /// Loads a mesh, checks that it is a closed solid, and puts its tip at z = 0 with the body towards +z. What the checks of a

@@ -9,8 +9,8 @@
 //! What is found:
 //! - [`axes`]: targets outside the travel, feeds too fast, coordinates that no axis provides;
 //! - [`reach`]: poses that an arm with joints cannot take, and lines on which it would have to fold over;
-//! - [`contact`]: a press too deep for the pad, an indenter that misses or leaves it, sideways
-//!   motion that is neither in contact nor at clearance.
+//! - [`contact`]: a press too deep for the pad or the indenter, an indenter that misses or leaves it,
+//!   sideways motion that is neither in contact nor at clearance.
 //!
 //! Each rule reports its worst case once, under the key of the plan that causes it.
 

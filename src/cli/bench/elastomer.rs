@@ -39,6 +39,10 @@ impl Args {
             (_, true) => Effort::Quick,
             _ => Effort::Full,
         };
+        if let Some(Err(e)) = self.out.as_deref().map(super::prepare) {
+            screen::error(e);
+            return Exit::Refused;
+        }
         let bars = screen::bars();
         let bar = screen::bar(&bars, "bench", 0);
         let measured = bench::run(effort, |done, total, what| {

@@ -59,6 +59,10 @@ impl Args {
                 return Exit::Refused;
             }
         }
+        if let Some(Err(e)) = self.out.as_deref().and_then(Path::parent).map(super::prepare) {
+            screen::error(e);
+            return Exit::Refused;
+        }
         let cases = self.cases.clone().map(|which| (which, self.tolerance));
         let settings = match (self.quick, cases.is_some()) {
             (_, true) => Settings {
@@ -212,9 +216,6 @@ fn show_cases(cases: &[Case]) {
 }
 
 fn keep(name: &Path, report: &Report) -> Result<(), String> {
-    if let Some(folder) = name.parent() {
-        std::fs::create_dir_all(folder).map_err(|e| format!("cannot make {}: {e}", folder.display()))?;
-    }
     let json = serde_json::to_string_pretty(report).map_err(|e| e.to_string())?;
     for (ending, text) in [("csv", csv(report)), ("svg", optics_plot::svg(report)?), ("json", json)] {
         let path = name.with_extension(ending);

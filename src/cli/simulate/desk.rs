@@ -6,6 +6,7 @@ use crate::dataset::depth;
 use crate::image::{npy, png};
 use crate::motion::Trajectory;
 use crate::optics::basis_folder;
+use crate::pose::Pose;
 use crate::twin::{Deformed, Outcome, Picture, Twin, Wear};
 
 pub(super) struct Desk<'a> {
@@ -24,7 +25,7 @@ impl Desk<'_> {
         let taken = match outcome {
             Outcome::Failed { captures, error } => self.failed(&captures, &error.to_string()),
             Outcome::Deformed(deformed) => {
-                self.twin.tell_doubts(&deformed);
+                self.twin.tell_doubts(&deformed, self.trajectory);
                 self.store(&deformed)
             }
         };
@@ -35,7 +36,10 @@ impl Desk<'_> {
         self.bar.inc(captures.len() as u64);
         self.bar.suspend(|| screen::warning(format_args!("captures {captures:?}: {why}")));
         captures.iter().try_for_each(|capture| {
-            let line = serde_json::json!({ "capture": capture, "status": "failed", "error": why });
+            let mark = &self.trajectory.captures[*capture as usize];
+            let mut line =
+                self.row(*capture, "failed", self.trajectory.waypoints[mark.waypoint as usize].pose);
+            line["error"] = serde_json::json!(why);
             self.account.add(*capture, Ended::Failed, line.to_string())
         })
     }
@@ -70,21 +74,26 @@ impl Desk<'_> {
         std::fs::write(&path, bytes).map_err(|e| SimulateError::Write { path, why: e.to_string() })
     }
 
-    /// A line of `captures.jsonl`.
-    fn line(&self, capture: u32, deformed: &Deformed, picture: Option<&Picture>) -> String {
+    /// What every line of `captures.jsonl` tells.
+    fn row(&self, capture: u32, status: &str, pose: Pose) -> serde_json::Value {
         let mark = &self.trajectory.captures[capture as usize];
-        let (forces, pad) = (&deformed.pad.forces, &deformed.pad);
-        let mut line = serde_json::json!({
+        serde_json::json!({
             "capture": capture,
-            "status": "simulated",
+            "status": status,
             "indenter": self.trajectory.episodes[mark.episode as usize].indenter,
-            "pose": deformed.pose,
-            "normal_force_n": forces.normal_force_n,
-            "shear_force_n": forces.shear_force_n,
-            "torque_n_mm": forces.torque_n_mm,
-            "solver": pad.stats,
-            "seconds": deformed.took.as_secs_f64(),
-        });
+            "pose": pose,
+        })
+    }
+
+    /// The line of a capture that was simulated.
+    fn line(&self, capture: u32, deformed: &Deformed, picture: Option<&Picture>) -> String {
+        let (forces, pad) = (&deformed.pad.forces, &deformed.pad);
+        let mut line = self.row(capture, "simulated", deformed.pose);
+        line["normal_force_n"] = serde_json::json!(forces.normal_force_n);
+        line["shear_force_n"] = serde_json::json!(forces.shear_force_n);
+        line["torque_n_mm"] = serde_json::json!(forces.torque_n_mm);
+        line["solver"] = serde_json::json!(pad.stats);
+        line["seconds"] = serde_json::json!(deformed.took.as_secs_f64());
         if let Some(picture) = picture {
             line["render_seconds"] = serde_json::json!(picture.took.as_secs_f64());
             line["optics_mode"] = serde_json::json!(picture.method.name());

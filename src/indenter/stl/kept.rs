@@ -9,7 +9,7 @@ use glam::DVec3;
 
 /// Folders of checked solids: about ten of a million triangles. The number changes whenever a mesh is welded, checked or placed in
 /// another way: what was accepted before must not stand for what is now.
-pub const KIND: Kind = Kind { magic: *b"twinrig solids 1", what: "mesh", most_bytes: 1 << 28 };
+pub const KIND: Kind = Kind { magic: *b"twinrig solids 2", what: "mesh", most_bytes: 1 << 28 };
 
 /// Smaller files are checked in less time than anybody notices, bytes.
 pub const WORTH_KEEPING: usize = 1 << 20;

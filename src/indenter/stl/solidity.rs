@@ -1,5 +1,5 @@
-//! Whether a closed mesh bounds one solid: it does not cut through itself, and no part of it lies in another or is inside
-//! out. Cavities are filled: no pad reaches them, and a thin wall would let one through.
+//! Whether a closed mesh bounds one solid: every part encloses a volume, it does not cut through itself, and no part of it lies
+//! in another or is inside out. Cavities are filled: no pad reaches them, and a thin wall would let one through.
 
 use super::Defect;
 use super::mesh::Mesh;
@@ -7,6 +7,9 @@ use super::topology::Solid;
 use glam::DVec3;
 use rayon::prelude::*;
 
+/// Least mean thickness of a part, over its diagonal: what is thinner is a surface that closes by folding back. Ten times what
+/// welding may take off; a foil of 20 um that is 10 mm square has over a hundred times as much as this.
+const THINNEST: f64 = 1e-5;
 /// Triangles of each part that are asked what lies outside them.
 const ASKED: usize = 64;
 /// How far outside, over the mesh's diagonal.
@@ -18,9 +21,29 @@ const DIRECTIONS: [DVec3; 3] =
 /// Proves that a mesh bounds a solid; the same without its cavities, if it has any.
 ///
 /// # Errors
-/// [`Defect::Crossing`] and [`Defect::Misplaced`].
+/// [`Defect::Flat`], [`Defect::Crossing`] and [`Defect::Misplaced`].
 pub fn check(mesh: &Mesh, solid: &Solid) -> Result<Option<Solid>, Defect> {
     let at = |i: u32| solid.vertices[i as usize];
+    let (part_of, parts) = parts(solid);
+    let mut members = vec![Vec::new(); parts];
+    for (k, part) in part_of.iter().enumerate() {
+        members[*part].push(k);
+    }
+    let six_volumes = |triangles: &[usize]| -> f64 {
+        triangles.iter().map(|k| solid.triangles[*k].map(at)).map(|[a, b, c]| a.dot(b.cross(c))).sum()
+    };
+    for triangles in &members {
+        let faces = || triangles.iter().map(|k| solid.triangles[*k].map(at));
+        let twice_area: f64 = faces().map(|[a, b, c]| (b - a).cross(c - a).length()).sum();
+        let (low, high) = super::bounds(&faces().flatten().collect::<Vec<_>>());
+        let across_mm = (high - low).length();
+        // A plate's volume over half its area.
+        let thickness_mm = six_volumes(triangles).abs() / 1.5 / twice_area.max(f64::MIN_POSITIVE);
+        if thickness_mm < THINNEST * across_mm {
+            let near = at(solid.triangles[triangles[0]][0]);
+            return Err(Defect::Flat { parts, near, across_mm, thickness_mm });
+        }
+    }
     // Each edge is walked once from its lower to its higher index.
     let crossed = solid.triangles.par_iter().find_map_first(|t| {
         let edges = [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];
@@ -28,11 +51,6 @@ pub fn check(mesh: &Mesh, solid: &Solid) -> Result<Option<Solid>, Defect> {
     });
     if let Some([from, to]) = crossed {
         return Err(Defect::Crossing { from: at(from), to: at(to) });
-    }
-    let (part_of, parts) = parts(solid);
-    let mut members = vec![Vec::new(); parts];
-    for (k, part) in part_of.iter().enumerate() {
-        members[*part].push(k);
     }
     let (low, high) = super::bounds(&solid.vertices);
     let outside = (high - low).length() * OUTSIDE;
@@ -47,10 +65,7 @@ pub fn check(mesh: &Mesh, solid: &Solid) -> Result<Option<Solid>, Defect> {
         }
     }
     // What is left inside out bounds a cavity.
-    let volume = |triangles: &[usize]| -> f64 {
-        triangles.iter().map(|k| solid.triangles[*k].map(at)).map(|[a, b, c]| a.dot(b.cross(c))).sum()
-    };
-    let cavity: Vec<bool> = members.iter().map(|triangles| volume(triangles) < 0.0).collect();
+    let cavity: Vec<bool> = members.iter().map(|triangles| six_volumes(triangles) < 0.0).collect();
     Ok(cavity.contains(&true).then(|| {
         let kept = solid.triangles.iter().zip(&part_of).filter(|(_, part)| !cavity[**part]);
         Solid { vertices: solid.vertices.clone(), triangles: kept.map(|(t, _)| *t).collect() }

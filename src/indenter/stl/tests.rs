@@ -71,7 +71,7 @@ fn load_bytes(bytes: &[u8], unit: LengthUnit, tip: TipEnd) -> Result<Mesh, Defec
     let path = folder.path().join("mesh.stl");
     std::fs::write(&path, bytes).unwrap();
     load("mesh", &path, unit, tip, Centre::Bounds, None).map_err(|e| {
-        assert!(e.to_string().contains("mesh.stl: "));
+        assert!(e.to_string().contains("mesh.stl "));
         e.defect
     })
 }
@@ -153,7 +153,9 @@ fn every_defect_is_named() {
 
     let mut fin = whole.clone();
     fin.push([whole[0][0], whole[0][1], DVec3::new(0.0, 0.0, 9.0)]);
-    assert!(message(load_mm(&fin)).contains("not manifold: 1 edges"));
+    assert!(
+        message(load_mm(&fin)).contains("more than two triangles at 1 edge, the first from [0, 0, 0] to [")
+    );
 
     let mut flipped = whole.clone();
     flipped[0].swap(1, 2);
@@ -164,11 +166,15 @@ fn every_defect_is_named() {
 
     let mut nan = whole.clone();
     nan[3][1].y = f64::NAN;
-    assert!(message(load_mm(&nan)).contains("triangle 3 has a coordinate"));
+    assert!(message(load_mm(&nan)).contains("not a finite number, in triangle 3"));
 
     let metres: Triangles = whole.iter().map(|t| t.map(|v| v * 1e-3)).collect();
-    let guess = message(load_mm(&metres));
-    assert!(guess.contains("0.0040 mm across when read in mm") && guess.contains("unit = \"m\""), "{guess}");
+    let guess = load_mm(&metres).map(|_| ()).unwrap_err();
+    assert!(guess.to_string().contains("0.0040 mm across when read in mm"), "{guess}");
+    assert!(
+        guess.advice().contains("unit = \"m\"") && guess.allowed().contains("0.5 to 200 mm"),
+        "{guess:?}"
+    );
 
     let cut = &binary(&whole)[..400];
     assert!(
@@ -181,6 +187,22 @@ fn every_defect_is_named() {
 
     let missing = load("mesh", Path::new("/nonexistent/a.stl"), mm, TipEnd::MinusZ, Centre::Bounds, None);
     assert!(missing.map(|_| ()).unwrap_err().to_string().contains("cannot be read"));
+}
+
+#[test]
+fn a_defect_is_the_problem_and_its_own_advice_the_next_move() {
+    let (from, to) = (DVec3::new(-1.0 / 3.0, -1e-9, 2.0), DVec3::new(0.1 + 0.2, 0.0, 1e-4));
+    let told = |defect| {
+        let source = Error { path: "open.stl".into(), defect };
+        indenter::Error::Stl { name: "open".to_owned(), source }.problem("indenters[0]")
+    };
+    let open = told(Defect::OpenEdges { count: 1, from, to });
+    let places = "the first from [-0.333333, 0, 2] to [0.3, 0, 0.0001] (file units)";
+    assert_eq!(open.value, format!("open: open.stl is not watertight: 1 open edge, {places}"));
+    assert_eq!((&*open.key, &*open.allowed), ("indenters[0]", "a closed mesh that bounds a solid"));
+    assert!(open.next.starts_with("close the holes"), "{}", open.next);
+    let crossing = told(Defect::Crossing { from, to }).value;
+    assert!(crossing.contains("from [-0.333, 0, 2] to [0.3, 0, 0] (mm"), "{crossing}");
 }
 
 /// A sphere about (x, 0, 4), its triangles turned inwards if asked.
@@ -228,6 +250,35 @@ fn what_bounds_no_solid_is_refused_and_cavities_are_filled() {
     // (Its facets lie nearer to the middle than its corners.)
     assert!((hollow.distance(DVec3::new(0.0, 0.0, 3.0)) + 3.0).abs() < 0.15);
     assert!((hollow.height_mm() - 6.0).abs() < 1e-6);
+}
+
+#[test]
+fn surfaces_that_fold_back_enclose_nothing_and_thin_bodies_something() {
+    let refused = |t: Triangles| match load_mm(&t) {
+        Err(Defect::Flat { parts, thickness_mm, .. }) => (parts, thickness_mm < 1e-4),
+        other => panic!("{:?}", other.map(|_| ())),
+    };
+    let [a, b, c, d] =
+        [[-3.1, -2.7, 0.3], [4.3, -1.9, 2.9], [3.7, 2.3, 4.1], [-3.7, 1.5, 1.5]].map(DVec3::from);
+    // Both sides of a triangle, slanted, lying and upright.
+    for place in [DVec3::ONE, DVec3::new(1.0, 1.0, 0.0), DVec3::new(1.0, 0.0, 1.0)] {
+        let t = [a, b, c].map(|v| v * place);
+        assert_eq!(refused(vec![t, [t[0], t[2], t[1]]]), (1, true));
+    }
+    // Both sides of a rectangle, each cut along another diagonal: coordinates are rounded, so a little is enclosed.
+    let slanted = |x: f64, y: f64| a + (b - a) * x + (d - a) * y;
+    let [p, q, r, s] = [slanted(0.0, 0.0), slanted(1.0, 0.0), slanted(1.0, 1.0), slanted(0.0, 1.0)];
+    let sheet = vec![[p, q, r], [p, r, s], [p, s, q], [q, s, r]];
+    assert_eq!(refused(sheet.clone()), (1, true));
+    // A sheet beside a body.
+    let beside = sheet.iter().map(|t| t.map(|v| v + 20.0 * DVec3::X)).collect();
+    assert_eq!(refused([cuboid(DVec3::ZERO, DVec3::splat(4.0)), beside].concat()), (2, true));
+
+    // Foils of 20 um, lying and standing, and a needle.
+    for size in [[10.0, 10.0, 0.02], [10.0, 0.02, 6.0], [0.01, 0.01, 20.0]] {
+        let body = load_mm(&cuboid(DVec3::ZERO, DVec3::from(size))).unwrap();
+        assert!((body.height_mm() - size[2]).abs() < 1e-6);
+    }
 }
 
 #[test]

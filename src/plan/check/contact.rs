@@ -20,8 +20,20 @@ const SLACK_MM: f64 = 1e-6;
 
 pub(super) fn check(plan: &Plan, trajectory: &Trajectory, bench: &Bench<'_>, problems: &mut Problems) {
     check_depth(plan, trajectory, bench, problems);
+    check_heights(plan, trajectory, bench, problems);
     check_footprints(plan, trajectory, bench, problems);
     check_sideways(plan, trajectory, bench, problems);
+}
+
+/// Where an indenter touches, over all its episodes.
+fn contact_waypoints<'t>(
+    trajectory: &'t Trajectory,
+    indenter: &'t str,
+) -> impl Iterator<Item = &'t Waypoint> + Clone {
+    (trajectory.episodes.iter().enumerate())
+        .filter(move |(_, e)| e.indenter == indenter)
+        .flat_map(|(e, _)| trajectory.waypoints_of(e as u32))
+        .filter(|w| is_in_contact(w))
 }
 
 fn is_in_contact(waypoint: &Waypoint) -> bool {
@@ -49,16 +61,38 @@ fn check_depth(plan: &Plan, trajectory: &Trajectory, bench: &Bench<'_>, problems
     }
 }
 
+/// The twin refuses a press that takes the whole indenter into the pad ([`Error::Low`](crate::elastomer::Error::Low)): a bench
+/// would perform it first, and the pair would lack its other half.
+fn check_heights(plan: &Plan, trajectory: &Trajectory, bench: &Bench<'_>, problems: &mut Problems) {
+    let size = [bench.pad.size_x_mm, bench.pad.size_y_mm];
+    let depth =
+        |w: &Waypoint| w.pose.depth_mm() + bench.pad.shape.face_height_mm(size, [w.pose.x_mm, w.pose.y_mm]);
+    for (i, planned) in plan.indenters.iter().enumerate() {
+        let Some(indenter) = bench.indenters.get(&planned.name) else { continue };
+        let depths = contact_waypoints(trajectory, &planned.name).map(depth);
+        let (deepest, height) = (depths.fold(0.0, f64::max), indenter.height_mm());
+        if deepest >= height {
+            problems.push(
+                &format!("indenters.[{i}]"),
+                format!(
+                    "indenter {} is {height:.3} mm high and would be pressed {deepest:.3} mm deep, so that the face would close \
+                     above it",
+                    planned.name
+                ),
+                format!("0 to less than {height:.3} mm deep"),
+                "press less deep than it is high, or make it higher (height_mm in its file, or the mesh)",
+            );
+        }
+    }
+}
+
 fn check_footprints(plan: &Plan, trajectory: &Trajectory, bench: &Bench<'_>, problems: &mut Problems) {
     let half = [bench.pad.size_x_mm / 2.0, bench.pad.size_y_mm / 2.0];
     for (i, planned) in plan.indenters.iter().enumerate() {
         let Some(indenter) = bench.indenters.get(&planned.name) else {
             continue; // Whoever assembled the bench has reported that it is not there.
         };
-        let contact_poses = (trajectory.episodes.iter().enumerate())
-            .filter(|(_, e)| e.indenter == planned.name)
-            .flat_map(|(e, _)| trajectory.waypoints_of(e as u32))
-            .filter(|w| is_in_contact(w));
+        let contact_poses = contact_waypoints(trajectory, &planned.name);
         let deepest = contact_poses.clone().map(|w| -w.pose.z_mm).fold(0.0, f64::max);
         let key = format!("indenters.[{i}]");
         let Some(footprint) = Footprint::at_depth(indenter.as_ref(), deepest) else {

@@ -126,6 +126,28 @@ fn a_press_deeper_than_most_of_the_pad_is_refused() {
 }
 
 #[test]
+fn a_press_deeper_than_the_indenter_is_high_is_refused_as_the_twin_refuses_it() {
+    use crate::{elastomer, indenter};
+    let mut plan = slip();
+    plan.indenters.truncate(1);
+    plan.depths_mm = vec![0.4, 0.7];
+    let name = plan.indenters[0].name.clone();
+    let found = |height_mm: f64| {
+        let shape = "[shape]\nkind = \"flat\"\nplan = { kind = \"disc\", diameter_mm = 4 }";
+        let spec = toml::from_str(&format!("height_mm = {height_mm}\n{shape}")).unwrap();
+        let indenters = [(name.clone(), indenter::from_spec(&name, &spec, None).unwrap())].into();
+        let (rig, pad, mut problems) = (rig(), pad(), Problems::new());
+        check(&plan, &expand(&plan), &Bench { rig: &rig, pad: &pad, indenters: &indenters }, &mut problems);
+        problems.into_vec()
+    };
+    assert_eq!(found(0.71), []);
+    let low = found(0.6);
+    assert_eq!(keys(&low), ["indenters[0]"]);
+    let twin = elastomer::Error::Low { indenter: name.clone(), height_mm: 0.6, depth_mm: 0.7 }.to_string();
+    assert_eq!(twin, format!("{}; {}", low[0].value, low[0].next));
+}
+
+#[test]
 fn an_indenter_that_leaves_or_misses_the_pad_is_refused() {
     let mut plan = slip();
     plan.indenters.truncate(1);
