@@ -170,7 +170,7 @@ pub enum Error {
     },
     /// An equilibrium that says nothing: too much of the body falls between the cells.
     #[error(
-        "cells of {cell_mm:.3} mm do not resolve the contact at pose ({pose}), and finer ones found no equilibrium or were too many: stated error {:.0} % of the depth, at most {:.0} % can be used; lower elastomer.tolerance, round the indenter's edges, choose another depth, or set elastomer.friction above 0 if a slide without it catches on edges", 100.0 * stated, 100.0 * allowed
+        "cells of {cell_mm:.3} mm do not resolve the contact at pose ({pose}), and finer ones found no equilibrium or were too many: stated error {:.0} % of the depth, at most {:.0} % can be used; lower elastomer.tolerance, round the indenter's edges, or choose another depth{}", 100.0 * stated, 100.0 * allowed, if *slides_freely { "; where a slide without friction catches on edges, set elastomer.friction above 0" } else { "" }
     )]
     Unresolved {
         /// Where the indenter was.
@@ -181,6 +181,8 @@ pub enum Error {
         allowed: f64,
         /// Cell size, mm.
         cell_mm: f64,
+        /// Whether the indenter has gone along the face without friction.
+        slides_freely: bool,
     },
     /// The contact leaves the region in which the pad is simulated.
     #[error(

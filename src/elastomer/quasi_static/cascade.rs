@@ -120,11 +120,16 @@ pub fn follow(
                 iterations: last.map_or(0, |o| o.iterations),
                 restarts,
                 advice: format!(
-                    "{:.3} of {:.3} mm of this way were done; lower the depth or the slide, round the indenter's \
-                     edges, set elastomer.friction to a number below 1, or choose another elastomer.tolerance \
-                     (another grid)",
+                    "{:.3} of {:.3} mm of this way were done; lower the depth{}, round the indenter's edges, {}or choose \
+                     another elastomer.tolerance (another grid)",
                     done * start.distance_mm(pose),
-                    start.distance_mm(pose)
+                    start.distance_mm(pose),
+                    if presses { "" } else { " or the slide" },
+                    if levels[finest].level.sticks() {
+                        "set elastomer.friction to a number below 1, "
+                    } else {
+                        ""
+                    },
                 ),
             });
         }

@@ -262,6 +262,11 @@ impl Level {
         self.at.at_rest
     }
 
+    /// Whether friction is infinite.
+    pub fn sticks(&self) -> bool {
+        self.at.contacts.sticks()
+    }
+
     /// How the last increment ended, unless nothing touches.
     pub fn outcome(&self) -> Option<Outcome> {
         self.at.outcome

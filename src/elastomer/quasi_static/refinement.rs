@@ -89,10 +89,15 @@ impl QuasiStaticSolver {
     pub(super) fn resolved(&self, pose: &Pose) -> Result<(), Error> {
         let stated = self.stated_error(UNRESOLVED);
         if self.wanted.is_some() && stated > UNRESOLVED {
-            let cell_mm = self.finest().grid().hx;
-            return Err(Error::Unresolved { pose: *pose, stated, allowed: UNRESOLVED, cell_mm });
+            return Err(self.unresolved(pose, [stated, UNRESOLVED]));
         }
         Ok(())
+    }
+
+    fn unresolved(&self, pose: &Pose, [stated, allowed]: [f64; 2]) -> Error {
+        let cell_mm = self.finest().grid().hx;
+        let slides_freely = !self.finest().straight_down() && self.pad.friction == Friction::Coefficient(0.0);
+        Error::Unresolved { pose: *pose, stated, allowed, cell_mm, slides_freely }
     }
 
     /// Stated error beyond which finer cells are tried.
@@ -211,10 +216,7 @@ impl QuasiStaticSolver {
         let replayed = path[1..].iter().chain([pose]).try_for_each(|p| self.go(p, &REFINED));
         let found = replayed.and_then(|()| match self.stated_error(enough) {
             stated if stated <= before.max(OF_USE) => Ok(stated),
-            stated => {
-                let cell_mm = finer.cell_mm;
-                Err(Error::Unresolved { pose: *pose, stated, allowed: before, cell_mm })
-            }
+            stated => Err(self.unresolved(pose, [stated, before])),
         });
         if found.is_err() {
             let lost = std::mem::replace(&mut self.levels, coarser);
