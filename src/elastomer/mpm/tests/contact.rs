@@ -81,7 +81,7 @@ fn a_tight_threshold_diverges_with_a_typed_error() {
 /// Every number stays finite, and no particle is crushed, where a few passes throw the whole face off.
 #[test]
 fn a_loop_that_throws_the_pad_off_is_told() {
-    for rest_threshold in [0.001, 0.01, 0.1] {
+    for rest_threshold in [0.001, 0.01] {
         let mut solver = pressed(Mode::Impm, [51, 51, 11], |s| s.rest_threshold = rest_threshold);
         match solver.advance(&Pose::new(0.0, 0.0, 0.0, 0.0)) {
             Err(Error::Diverged { mode: "impm", what, .. }) => {
