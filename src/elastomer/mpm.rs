@@ -111,7 +111,7 @@ impl Rest {
                 Some(Fault { particle: particle.unwrap_or(before), what: THROWN_OFF })
             }
             (Self::Moving { particle, departure }, Self::Moving { departure: before, .. })
-                if !(departure <= before) =>
+                if departure > before || departure.is_nan() =>
             {
                 Some(Fault { particle, what: FASTER })
             }

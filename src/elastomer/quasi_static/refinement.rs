@@ -260,7 +260,7 @@ mod tests {
         let (x_mm, y_mm) = (2.0, 12.0);
         let shape = Shape::Flat { plan: Plan::Rectangle { x_mm, y_mm } };
         let bar = IndenterSpec { description: String::new(), edge_round_mm: 0.0, height_mm: 8.0, shape };
-        let bar = from_spec("bar", &bar, None).expect("a body").into();
+        let bar = from_spec("bar", &bar, None).expect("a body");
         let settings = Settings { mode: Mode::QuasiStatic, ..Settings::default() };
         let at = |z_mm: f64| Pose { x_mm: 0.0, y_mm: 0.0, z_mm, theta_deg: 0.0 };
         let law = Law::FixedCorotated;

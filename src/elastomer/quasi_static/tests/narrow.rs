@@ -8,7 +8,7 @@ use crate::indenter::{IndenterSpec, from_spec};
 fn pressed(plan: Plan, theta_deg: f64, tolerance: f64) -> Result<ElastomerCapture, Error> {
     let shape = Shape::Flat { plan };
     let spec = IndenterSpec { description: String::new(), edge_round_mm: 0.0, height_mm: 8.0, shape };
-    let body = from_spec("body", &spec, None).expect("a body").into();
+    let body = from_spec("body", &spec, None).expect("a body");
     let settings = Settings { tolerance, friction: Friction::Coefficient(0.5), ..Settings::default() };
     let start = Pose::new(0.03, 0.01, 0.2, theta_deg);
     let mut solver = QuasiStaticSolver::new(&pad(Law::NeoHookean), &settings, body, &start)?;
