@@ -53,6 +53,7 @@ mod source;
 mod suited;
 mod tables;
 mod tilt;
+mod toward;
 mod traces;
 mod unseen;
 pub(super) mod vector;

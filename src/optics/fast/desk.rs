@@ -2,7 +2,7 @@
 //! pixels at a time.
 
 use super::bounce::Cell;
-use super::frame::{Frame, NODE_PX, Toward, uv};
+use super::frame::{Frame, NODE_PX, uv};
 use super::gains::Split;
 use super::horizon::slope_of;
 use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, lanes};
@@ -11,6 +11,7 @@ use super::shade::Block;
 use super::slots::POSITION;
 use super::source::{COARSE, LINES};
 use super::tilt::Parts;
+use super::toward::Toward;
 use crate::optics::{Albedo, Texture};
 use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;

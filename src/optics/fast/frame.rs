@@ -18,6 +18,7 @@ use super::skyline;
 use super::slots::{POSITION, Slots};
 use super::source::{COARSE, KEPT, LINES, Line, with_means};
 use super::tilt::{Parts, Tilts};
+use super::toward::Toward;
 use super::traces;
 use super::unseen::{AllUnseen, Border};
 use super::vector::{irradiance, of_point, quadrilateral};
@@ -28,8 +29,6 @@ use rayon::prelude::*;
 
 /// Pixels between nodes.
 pub const NODE_PX: usize = WIDTH;
-/// Horizons are followed this far below a light, as a slope, so that they can be interpolated.
-const BELOW: f32 = 0.05;
 /// A horizon that departs more from the mean of its neighbours, as a slope, is followed between them, too.
 const BENT: f32 = 0.03;
 /// Largest edge of a cell of the bounce, mm.
@@ -638,40 +637,6 @@ impl Frame<'_> {
 /// Pixels along the edge of a cell of the bounce.
 pub fn cell_px(pixel_mm: f32) -> usize {
     [8, 4, 2].into_iter().find(|n| *n as f32 * pixel_mm <= CELL_MM).unwrap_or(1)
-}
-
-/// A line of a light as it is looked at from a point of the pad.
-#[derive(Debug, Clone, Copy)]
-pub struct Toward {
-    ahead: Vec2,
-    distance: f32,
-    /// Slopes under which its ends appear.
-    pub from: f32,
-    pub to: f32,
-}
-
-impl Toward {
-    #[inline(always)]
-    pub fn new([low, high]: Line) -> Self {
-        let middle = (low + high).truncate() * 0.5;
-        let distance = middle.length().max(1e-6);
-        let ahead = middle / distance;
-        let slope = |q: Vec3| q.z / q.truncate().dot(ahead).max(1e-3 * distance);
-        Self { ahead, distance, from: slope(low), to: slope(high) }
-    }
-
-    /// From here upwards horizons are followed.
-    #[inline(always)]
-    fn least(&self) -> f32 {
-        self.from.min(self.to) - BELOW
-    }
-
-    #[inline(always)]
-    pub fn horizon(&self, heights: &Heights, from: impl Into<Stand>, bent: bool) -> f32 {
-        // A light that appears through a plate has no distance: the pad's rim ends the line of sight.
-        let distance = if bent { f32::INFINITY } else { self.distance };
-        heights.horizon(from, self.ahead, distance, self.least(), self.from.max(self.to))
-    }
 }
 
 /// Vector irradiance of a whole ribbon.

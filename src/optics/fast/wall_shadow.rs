@@ -4,9 +4,9 @@
 //! much of the light it hides, as they do for the pad itself. The [`echo`](super::echo) then carries the loss.
 
 use super::echo::Echo;
-use super::frame::Toward;
 use super::horizon::Heights;
 use super::source::{COARSE, LINES, Lamp, Source};
+use super::toward::Toward;
 use super::world::World;
 use glam::Vec3;
 use rayon::prelude::*;
