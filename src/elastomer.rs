@@ -86,7 +86,8 @@ pub trait Elastomer: Send {
     /// Moves the indenter in a straight line (and a linear turn) to `pose` and lets the pad follow.
     ///
     /// # Errors
-    /// A typed error when the step cannot be solved; the state is then unusable.
+    /// A typed error when the step cannot be solved; the state is then unusable, unless the error tells that the way
+    /// [`goes_on`](Error::goes_on).
     fn advance(&mut self, pose: &Pose) -> Result<(), Error>;
 
     /// The state at the present pose: surface sampled on an `nx` by `ny` lattice, forces, statistics.
@@ -170,7 +171,7 @@ pub enum Error {
     },
     /// An equilibrium that says nothing: too much of the body falls between the cells.
     #[error(
-        "cells of {cell_mm:.3} mm do not resolve the contact at pose ({pose}), and finer ones found no equilibrium or were too many: stated error {:.0} % of the depth, at most {:.0} % can be used; lower elastomer.tolerance, round the indenter's edges, or choose another depth{}", 100.0 * stated, 100.0 * allowed, if *slides_freely { "; where a slide without friction catches on edges, set elastomer.friction above 0" } else { "" }
+        "cells of {cell_mm:.3} mm do not resolve the contact at pose ({pose}), and finer ones found no equilibrium or were too many: stated error {:.0} % of the depth, at most {:.0} % can be used; lower elastomer.tolerance, round the indenter's edges, or choose another depth{}", 100.0 * stated, 100.0 * allowed, approach.advice()
     )]
     Unresolved {
         /// Where the indenter was.
@@ -181,8 +182,8 @@ pub enum Error {
         allowed: f64,
         /// Cell size, mm.
         cell_mm: f64,
-        /// Whether the indenter has gone along the face without friction.
-        slides_freely: bool,
+        /// How it came there.
+        approach: Approach,
     },
     /// The contact leaves the region in which the pad is simulated.
     #[error(
@@ -232,4 +233,35 @@ pub enum Error {
         /// What to do about it.
         next: String,
     },
+}
+
+impl Error {
+    /// Whether it concerns one waypoint alone: a press that cells do not resolve yet may be resolved deeper, and is there what it
+    /// would be had nobody asked before.
+    pub fn goes_on(&self) -> bool {
+        matches!(self, Error::Unresolved { approach: Approach::StraightDown, .. })
+    }
+}
+
+/// How an indenter came to where its contact is not resolved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Approach {
+    /// Straight down since the pad was at rest.
+    StraightDown,
+    /// Along the face, and with friction.
+    AlongWithFriction,
+    /// Along the face, and without.
+    AlongWithoutFriction,
+}
+
+impl Approach {
+    fn advice(self) -> &'static str {
+        match self {
+            Approach::StraightDown => "; deeper captures of this press are tried nevertheless",
+            Approach::AlongWithFriction => "",
+            Approach::AlongWithoutFriction => {
+                "; where a slide without friction catches on edges, set elastomer.friction above 0"
+            }
+        }
+    }
 }

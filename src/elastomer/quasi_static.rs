@@ -192,6 +192,7 @@ impl QuasiStaticSolver {
         }
         self.pad.reaches(self.indenter.as_ref(), pose)?;
         let usual = if self.unrefined.is_some() { &REFINED } else { &FINEST };
+        let vain_before_mm = self.vain_mm;
         let mut ended = self.go(pose, usual);
         self.refine(&mut ended, pose)?;
         self.fall_back(&mut ended, pose)?;
@@ -200,9 +201,16 @@ impl QuasiStaticSolver {
             *advice = format!("{doubt}; or, {advice}");
         }
         ended?;
-        self.resolved(pose)?;
-        self.arrive(pose);
-        Ok(())
+        let resolved = self.resolved(pose);
+        match &resolved {
+            Ok(()) => self.arrive(pose),
+            Err(error) if error.goes_on() => {
+                self.arrive(pose);
+                self.vain_mm = vain_before_mm;
+            }
+            Err(_) => (),
+        }
+        resolved
     }
 
     /// How much the pressure of a face in relief tells that the splines' does not, from 0 to 1: the less, the less coating and bulk

@@ -19,6 +19,7 @@ pub mod checks;
 pub mod draw;
 pub mod explicit;
 pub mod hostile;
+pub mod thin;
 pub mod walk;
 
 pub use cases::{Body, Case, Family, case};
@@ -203,10 +204,10 @@ fn advises(message: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::indenter::spec::{Plan, Shape};
     use crate::trial::scene;
 
     fn bodies() -> Vec<Body> {
-        use crate::indenter::spec::Shape;
         let shape = Shape::Dome { radius_mm: 3.0, diameter_mm: 6.0 };
         vec![Body { name: "sphere".into(), spec: scene::spec(shape, 0.0) }]
     }
@@ -215,7 +216,7 @@ mod tests {
     fn the_same_number_is_the_same_case_and_every_family_comes() {
         let bodies = bodies();
         let families: std::collections::BTreeSet<Family> =
-            (0..330).map(|n| case(n, 1, &bodies).family).collect();
+            (0..360).map(|n| case(n, 1, &bodies).family).collect();
         assert_eq!(families.len(), Family::ALL.len());
         for n in 0..60 {
             // As text, because hostile settings hold what is not equal to itself.
@@ -279,5 +280,29 @@ mod tests {
             c.surface.positions[7].x = f32::NAN;
         });
         assert!(result.is_ok() && checks.broken().is_some_and(|c| !c.value.is_finite()));
+    }
+
+    #[test]
+    fn a_thin_body_that_is_missed_is_caught() {
+        let bodies = bodies();
+        let mut blade = (330..360)
+            .map(|n| case(n, 1, &bodies))
+            .find(|c| c.family == Family::Thin)
+            .expect("a case of a thin body");
+        let plan = Plan::Rectangle { x_mm: 0.2, y_mm: 8.0 };
+        blade.body.spec = scene::spec(Shape::Flat { plan }, 0.0);
+        (blade.settings.tolerance, blade.depth_mm, blade.slide_mm) = (0.05, 0.1, 0.0);
+        let judged = |part: f64| {
+            let mut checks = Checks::default();
+            let result = walk::follow_as(&blade, &mut checks, |c| {
+                c.forces.normal_force_n *= part;
+                c.stats.base_reaction_n *= part;
+                c.stats.elastic_energy_n_mm *= part;
+            });
+            assert!(result.is_ok(), "{result:?}");
+            checks.broken().cloned()
+        };
+        assert_eq!(judged(1.0), None);
+        assert!(judged(0.05).is_some_and(|broken| broken.what.contains("thin body")));
     }
 }

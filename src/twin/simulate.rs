@@ -54,7 +54,7 @@ pub struct Deformed {
 pub enum Outcome {
     /// Simulated.
     Deformed(Box<Deformed>),
-    /// A pose on the way could not be simulated; none of these captures has a simulated side.
+    /// A pose on the way, or these captures' own, could not be simulated; none of them has a simulated side.
     Failed {
         /// The captures concerned.
         captures: Vec<u32>,
@@ -138,20 +138,24 @@ impl<'r> Walker<'_, 'r> {
             if self.walk.cancel.load(Ordering::Relaxed) {
                 return ControlFlow::Break(());
             }
-            match self.step(|| state.advance(&branch.pose)) {
-                Ok(()) => {}
+            let ([nx, ny], captures) = (self.walk.lattice, branch.captures.clone());
+            let is_wanted = !captures.is_empty();
+            let told = self.step(|| {
+                state.advance(&branch.pose)?;
+                is_wanted.then(|| state.capture(nx, ny)).transpose()
+            });
+            match told {
+                Ok(Some(pad)) => {
+                    let (pose, took) = (branch.pose, begun.elapsed());
+                    self.emit(Outcome::Deformed(Box::new(Deformed { captures, pose, pad, took })))?;
+                    begun = Instant::now();
+                }
+                Ok(None) => (),
                 Err(elastomer::Error::Interrupted) => return ControlFlow::Break(()),
+                // Nobody asks how well a place on the way is known.
+                Err(error) if error.goes_on() && !is_wanted => (),
+                Err(error) if error.goes_on() => self.emit(Outcome::Failed { captures, error })?,
                 Err(error) => return self.fail(std::slice::from_ref(branch), error),
-            }
-            if !branch.captures.is_empty() {
-                let [nx, ny] = self.walk.lattice;
-                let pad = match self.step(|| state.capture(nx, ny)) {
-                    Ok(pad) => pad,
-                    Err(error) => return self.fail(std::slice::from_ref(branch), error),
-                };
-                let (captures, took) = (branch.captures.clone(), begun.elapsed());
-                self.emit(Outcome::Deformed(Box::new(Deformed { captures, pose: branch.pose, pad, took })))?;
-                begun = Instant::now();
             }
             match self.forked(state, &branch.next) {
                 Some(next) => (state, branch) = next,

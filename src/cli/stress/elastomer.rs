@@ -25,7 +25,7 @@ use tokio::sync::watch;
 )]
 pub struct Args {
     /// How many cases; the first of any number are the same
-    #[arg(long, default_value_t = 330, value_parser = options::whole::<u32>(1..=100_000))]
+    #[arg(long, default_value_t = 360, value_parser = options::whole::<u32>(1..=100_000))]
     pub cases: u32,
     /// Another seed draws other cases
     #[arg(long, default_value_t = 1, value_parser = options::whole(0..=u64::MAX))]
@@ -33,7 +33,7 @@ pub struct Args {
     /// Run this case alone, with all its checks
     #[arg(long, value_parser = options::whole(0..=u32::MAX))]
     pub only: Option<u32>,
-    /// Of the cases run only this family (press, slide, turn, layer, finer, mirror, repeat, cycles, border, scale, shape, explicit, long, hostile)
+    /// Of the cases run only this family (press, slide, turn, layer, finer, mirror, repeat, cycles, border, scale, shape, thin, explicit, long, hostile)
     #[arg(long, value_parser = family)]
     pub family: Option<Family>,
     /// Cases beside each other [default: one for each core]

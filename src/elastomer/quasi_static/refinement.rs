@@ -4,12 +4,13 @@
 //! twice the error or more, and narrow ones fall between the cells. Every answer states its error, so a way that
 //! states too much is gone again. Cells that find no equilibrium, and finer ones, are not tried again before rest; where those of a
 //! press find none for a drag, it is dragged with the cells that it began with, and where these are of no use, with the next finer, if
-//! they are wider than those that failed.
+//! they are wider than those that failed. What a press is not resolved at is no bar to going deeper: finer cells are tried there
+//! as if nobody had asked before.
 
 use super::cascade::{FINEST, REFINED, Step, rest_at};
 use super::resolution::Resolution;
 use super::{QuasiStaticSolver, relief, take_counters};
-use crate::elastomer::{Error, Friction};
+use crate::elastomer::{Approach, Error, Friction};
 use crate::pose::Pose;
 
 /// Stated error over the one asked for that finer cells aim at: what is stated counts the edge of the contact in, where
@@ -96,8 +97,12 @@ impl QuasiStaticSolver {
 
     fn unresolved(&self, pose: &Pose, [stated, allowed]: [f64; 2]) -> Error {
         let cell_mm = self.finest().grid().hx;
-        let slides_freely = !self.finest().straight_down() && self.pad.friction == Friction::Coefficient(0.0);
-        Error::Unresolved { pose: *pose, stated, allowed, cell_mm, slides_freely }
+        let approach = match self.pad.friction {
+            _ if self.finest().straight_down() => Approach::StraightDown,
+            Friction::Coefficient(0.0) => Approach::AlongWithoutFriction,
+            _ => Approach::AlongWithFriction,
+        };
+        Error::Unresolved { pose: *pose, stated, allowed, cell_mm, approach }
     }
 
     /// Stated error beyond which finer cells are tried.

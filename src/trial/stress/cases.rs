@@ -7,6 +7,7 @@
 
 use super::draw::Draw;
 use super::hostile;
+use super::thin::draw_thin;
 use crate::elastomer::mpm::scheme::Scheme;
 use crate::elastomer::{Coating, Friction, Law, Mode, Pad, PadShape, Settings};
 use crate::indenter::spec::{Plan, Shape};
@@ -44,6 +45,8 @@ pub enum Family {
     Scale,
     /// Domed, cylindrical and rounded pads, coated or not.
     Shape,
+    /// Thin bodies askew to the grid.
+    Thin,
     /// The explicit modes.
     Explicit,
     /// The explicit modes at their limits: 1e5 steps, 13 million particles.
@@ -54,7 +57,7 @@ pub enum Family {
 
 impl Family {
     /// All of them.
-    pub const ALL: [Family; 14] = [
+    pub const ALL: [Family; 15] = [
         Family::Press,
         Family::Slide,
         Family::Turn,
@@ -66,6 +69,7 @@ impl Family {
         Family::Border,
         Family::Scale,
         Family::Shape,
+        Family::Thin,
         Family::Explicit,
         Family::Long,
         Family::Hostile,
@@ -85,6 +89,7 @@ impl Family {
             Family::Border => "pad's edge",
             Family::Scale => "size of pad",
             Family::Shape => "shape of pad",
+            Family::Thin => "thin bodies",
             Family::Explicit => "mpm, impm",
             Family::Long => "mpm, long",
             Family::Hostile => "bad settings",
@@ -119,6 +124,8 @@ const TURNS: [Family; 20] = [
 
 /// Numbers of the cases about pads that are not flat or have a skin.
 const SHAPES: std::ops::Range<u32> = 300..330;
+/// Numbers of the cases about thin bodies.
+const THIN: std::ops::Range<u32> = 330..360;
 
 /// An indenter file.
 #[derive(Debug, Clone)]
@@ -144,6 +151,8 @@ pub struct Case {
     pub settings: Settings,
     /// Where the press is, mm.
     pub at_mm: [f64; 2],
+    /// How the body stands to the grid from the beginning, degrees.
+    pub askew_deg: f64,
     /// How deep, mm.
     pub depth_mm: f64,
     /// Slide, mm.
@@ -205,6 +214,9 @@ impl Case {
         }
         if let Some(skin) = &self.pad.coating {
             text += &format!(", skin {} mm of {} MPa", skin.thickness_mm, skin.youngs_modulus_mpa);
+        }
+        if self.askew_deg != 0.0 {
+            text += &format!(", {} deg askew", self.askew_deg);
         }
         if self.slide_mm != 0.0 {
             text += &format!(", slide {} mm towards {} deg", self.slide_mm, self.direction_deg);
@@ -272,6 +284,9 @@ pub fn case(number: u32, seed: u64, bodies: &[Body]) -> Case {
     if SHAPES.contains(&number) {
         family = Family::Shape;
     }
+    if THIN.contains(&number) {
+        family = Family::Thin;
+    }
     let law = draw.of(&[Law::NeoHookean, Law::FixedCorotated]);
     let mut case = Case {
         number,
@@ -280,6 +295,7 @@ pub fn case(number: u32, seed: u64, bodies: &[Body]) -> Case {
         pad: scene::pad(law),
         settings: scene::quasi_static(Friction::Coefficient(0.5), 0.05),
         at_mm: [0.0; 2],
+        askew_deg: 0.0,
         depth_mm: draw.of(&[0.01, 0.1, 0.25, 0.5, 0.5, 1.0, 1.0, 1.6, 2.4]),
         slide_mm: 0.0,
         direction_deg: 0.0,
@@ -382,6 +398,7 @@ pub fn case(number: u32, seed: u64, bodies: &[Body]) -> Case {
             case.slide_mm = draw.of(&[0.0, 0.5]);
             case.turn_deg = draw.of(&[0.0, 5.0]);
         }
+        Family::Thin => draw_thin(&mut case, draw),
         Family::Explicit => explicit(&mut case, draw, slide.min(2.0), angle),
         Family::Long => long(&mut case, round / 4),
         Family::Hostile => {

@@ -84,3 +84,43 @@ fn a_walker_that_panics_takes_the_others_home() {
     let walk = || run(&crew, &|_| panic!("on purpose"));
     assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(walk)).is_err());
 }
+
+#[test]
+fn a_depth_that_is_not_resolved_costs_none_below_it() {
+    let branch = |z: f64, captures: Vec<u32>, next: Vec<Branch>| Branch {
+        pose: Pose::new(0.0, 0.0, z, 0.0),
+        captures,
+        next,
+    };
+    let pressed = |way: Vec<Branch>| {
+        let (model, cancel) = (model(), Arc::new(AtomicBool::new(false)));
+        let crew = Crew::new(Some(2)).expect("threads");
+        let told = Mutex::new(Vec::new());
+        let emit = |outcome| {
+            told.lock().unwrap().push(outcome);
+            true
+        };
+        let root = Root { indenter: "small".into(), start: Pose::new(0.0, 0.0, 0.1, 0.0), next: way };
+        let walk = Walk { model: &model, lattice: [21, 21], crew: &crew, cancel: &cancel, emit: &emit };
+        assert!(walk.run(&[root]));
+        told.into_inner().unwrap()
+    };
+    let shallow = -0.0003;
+    let told = pressed(vec![branch(shallow, vec![0], vec![branch(-0.3, vec![1], Vec::new())])]);
+    let [Outcome::Failed { captures, error }, Outcome::Deformed(deep)] = &told[..] else {
+        panic!("{told:?}")
+    };
+    assert_eq!((&captures[..], &deep.captures[..]), (&[0][..], &[1][..]));
+    assert!(error.goes_on() && error.to_string().contains("deeper captures of this press"), "{error}");
+
+    // Who has not asked is not told, and gets the same.
+    let told = pressed(vec![branch(shallow, Vec::new(), vec![branch(-0.3, vec![1], Vec::new())])]);
+    let [Outcome::Deformed(passed)] = &told[..] else { panic!("{told:?}") };
+    assert_eq!(passed.pad, deep.pad);
+
+    // As deep at once, it is the same to within rounding.
+    let told = pressed(vec![branch(-0.3, vec![1], Vec::new())]);
+    let [Outcome::Deformed(alone)] = &told[..] else { panic!("{told:?}") };
+    let (with, without) = (deep.pad.forces.normal_force_n, alone.pad.forces.normal_force_n);
+    assert!((with / without - 1.0).abs() < 2e-3, "{with} N after a shallow capture, {without} N without");
+}

@@ -3,7 +3,8 @@
 use super::super::newton::Outcome;
 use super::super::slip::Account;
 use super::super::{fold, probe, symmetry};
-use super::{HELD_OVER_DEPTH, LEAST_DEPTH_MM, Level};
+use super::wear::HELD_OVER_DEPTH;
+use super::{LEAST_DEPTH_MM, Level};
 use crate::indenter::Indenter;
 
 /// Error of the surface per penetration at the corners of loaded cells. Found by experiment: pressed 0.5 mm, a sphere, a
