@@ -11,6 +11,7 @@ pub mod outline;
 pub mod solid;
 pub mod spec;
 pub mod stl;
+pub mod thin;
 
 pub use spec::IndenterSpec;
 
@@ -19,7 +20,7 @@ use crate::problem::{Problem, Problems};
 use glam::{DVec2, DVec3};
 use solid::Solid;
 use spec::Shape;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// A rigid indenter.
 pub trait Indenter: Send + Sync + std::fmt::Debug {
@@ -43,6 +44,11 @@ pub trait Indenter: Send + Sync + std::fmt::Debug {
 
     /// Height of the body's lower surface above the tip plane at (x, y), mm; `None` beside the body.
     fn lower_surface(&self, x_mm: f64, y_mm: f64) -> Option<f64>;
+
+    /// Points of the undersides of parts that are narrower than [`thin::WIDE_MM`], in the indenter's frame. They are looked for once.
+    fn thin_parts(&self) -> &[DVec3] {
+        &[]
+    }
 }
 
 /// Why an indenter could not be made.
@@ -159,7 +165,8 @@ pub fn from_spec_or_store(
         largest_mm: e.largest_mm,
     })?;
     let (half_extent, height_mm) = (solid.half_extent(), spec.height_mm);
-    Ok(Arc::new(Parametric { name: name.to_owned(), half_extent, height_mm, solid }))
+    let name = name.to_owned();
+    Ok(Arc::new(Parametric { name, half_extent, height_mm, solid, thin_parts: OnceLock::new() }))
 }
 
 /// An indenter made of swept outlines.
@@ -169,6 +176,7 @@ struct Parametric {
     solid: Solid,
     half_extent: DVec2,
     height_mm: f64,
+    thin_parts: OnceLock<Vec<DVec3>>,
 }
 
 impl Indenter for Parametric {
@@ -194,6 +202,10 @@ impl Indenter for Parametric {
 
     fn lower_surface(&self, x_mm: f64, y_mm: f64) -> Option<f64> {
         self.solid.lower_surface(DVec2::new(x_mm, y_mm))
+    }
+
+    fn thin_parts(&self) -> &[DVec3] {
+        self.thin_parts.get_or_init(|| thin::parts(self))
     }
 }
 

@@ -5,9 +5,10 @@
 //! pseudonormal tells inside from outside.
 
 use super::topology::{self, Solid};
-use crate::indenter::Indenter;
+use crate::indenter::{Indenter, thin};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
+use std::sync::OnceLock;
 
 /// Triangles in a leaf.
 const LEAF: usize = 4;
@@ -26,6 +27,7 @@ pub struct Mesh {
     root: Node,
     half_extent: DVec2,
     height_mm: f64,
+    thin_parts: OnceLock<Vec<DVec3>>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -91,7 +93,8 @@ impl Mesh {
         let (low, high) = super::bounds(&solid.vertices);
         let reach = low.abs().max(high.abs());
         let half_extent = DVec2::new(reach.x, reach.y);
-        Mesh { name: name.to_owned(), triangles, root, half_extent, height_mm: high.z }
+        let (name, thin_parts) = (name.to_owned(), OnceLock::new());
+        Mesh { name, triangles, root, half_extent, height_mm: high.z, thin_parts }
     }
 
     /// Whether an edge from `a` to `b` goes through a triangle that does not end in it.
@@ -212,6 +215,10 @@ impl Indenter for Mesh {
             }
         }
         lowest
+    }
+
+    fn thin_parts(&self) -> &[DVec3] {
+        self.thin_parts.get_or_init(|| thin::parts(self))
     }
 }
 

@@ -366,3 +366,42 @@ fn corners_are_welded_across_cells_and_no_further_than_the_tolerance() {
     }
     assert!(matches!(topology::close(&t), Err(Defect::OpenEdges { .. })));
 }
+
+/// A fin of this thickness and height along y below a block 4 mm wide and 2 mm high, 3 mm long.
+fn fin_under_a_block(thick: f64, high: f64) -> Triangles {
+    let half = 0.5 * thick;
+    let profile = [
+        (-half, 0.0),
+        (half, 0.0),
+        (half, high),
+        (2.0, high),
+        (2.0, 2.0),
+        (half, 2.0),
+        (-half, 2.0),
+        (-2.0, 2.0),
+        (-2.0, high),
+        (-half, high),
+    ];
+    let at = |k: usize, y: f64| DVec3::new(profile[k % 10].0, y, profile[k % 10].1);
+    let mut t = Vec::new();
+    for k in 0..10 {
+        quad(&mut t, at(k, -1.5), at(k + 1, -1.5), at(k + 1, 1.5), at(k, 1.5));
+    }
+    for [a, b, c, d] in [[0, 1, 2, 9], [9, 2, 5, 6], [2, 3, 4, 5], [8, 9, 6, 7]] {
+        quad(&mut t, at(a, -1.5), at(d, -1.5), at(c, -1.5), at(b, -1.5));
+        quad(&mut t, at(a, 1.5), at(b, 1.5), at(c, 1.5), at(d, 1.5));
+    }
+    t
+}
+
+#[test]
+fn a_fin_is_found_under_the_block_that_hides_it() {
+    for (thick, high) in [(0.01, 0.5), (0.04, 0.15), (0.08, 1.0)] {
+        let body = load_mm(&fin_under_a_block(thick, high)).expect("a solid");
+        let thin = body.thin_parts();
+        assert!(thin.len() >= 27, "{thick} {high}: {}", thin.len());
+        assert!(thin.iter().all(|p| p.x.abs() <= 0.5 * thick && p.z.abs() < 1e-6), "{thin:?}");
+    }
+    let wide = load_mm(&fin_under_a_block(0.3, 0.5)).expect("a solid");
+    assert_eq!(wide.thin_parts(), []);
+}

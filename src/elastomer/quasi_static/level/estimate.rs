@@ -65,7 +65,7 @@ impl Level {
         // A face at rest under a body that stands in it is wrong altogether: how far points are inside of a thin one, its sides being
         // near, does not tell.
         let Some(outcome) = self.at.outcome else {
-            return (inside.deepest_mm > 0.0).then_some(1.0);
+            return (inside.deepest_mm > 0.0 || inside.missed > 0.0).then_some(1.0);
         };
         // A blade or a pin that grazes a sample point passes by all others.
         if inside.missed > MOST_MISSED || (inside.missed > 0.0 && self.normal_force_n() <= 0.0) {

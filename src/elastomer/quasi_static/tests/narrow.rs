@@ -20,12 +20,16 @@ fn pressed(plan: Plan, theta_deg: f64, tolerance: f64) -> Result<ElastomerCaptur
 fn a_thin_wall_that_passes_between_sample_points_is_no_answer() {
     let blade = |x_mm: f64| Plan::Rectangle { x_mm, y_mm: 8.0 };
     let ring = |inner_diameter_mm: f64| Plan::Ring { outer_diameter_mm: 7.0, inner_diameter_mm };
+    let ridges = |width_mm: f64| Plan::Stripes { count: 4, width_mm, length_mm: 6.0, pitch_mm: 1.7 };
     let narrow = [
         (blade(0.01), 45.0, 0.02),
         (blade(0.03), 45.0, 0.05),
         (blade(0.02), 20.0, 0.02),
         (ring(6.98), 0.0, 0.01),
         (ring(6.9), 0.0, 0.02),
+        // Along the grid none or all of the points see one.
+        (ridges(0.03), 0.0, 0.05),
+        (ridges(0.03), 0.0, 0.02),
     ];
     for (plan, theta_deg, tolerance) in narrow {
         let name = format!("{plan:?} at {theta_deg} degrees");
