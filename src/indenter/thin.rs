@@ -9,10 +9,14 @@ pub const WIDE_MM: f64 = 0.1;
 
 /// A body's underside this much above what else is near it hides it, mm: as much as the spacing's half diagonal, 45 degrees.
 const NEAR_MM: f64 = 0.5 * WIDE_MM * std::f64::consts::SQRT_2;
+/// A point this part of a distance above a flat underside is as far inside, if no wall is near.
+const FAR_INSIDE: f64 = 0.999;
 /// How far inside a wall a point is put, mm.
 const INSIDE_MM: f64 = 1e-4;
-/// Least step on the way up, mm.
-const LEAST_STEP_MM: f64 = 0.01;
+/// Gap to what counts as being in the tube, mm: so much more than its radius that no step up is short.
+const MET_MM: f64 = 1.2 * NEAR_MM;
+/// What leans less, as the horizontal part of its normal, is no wall.
+const LEVEL: f64 = 1e-3;
 /// Steps to the nearest wall: one, where the distance is exact.
 const MOST_HOPS: usize = 8;
 
@@ -28,7 +32,7 @@ pub fn parts(body: &dyn Indenter) -> Vec<DVec3> {
     (0..cells(hy)).into_par_iter().flat_map_iter(row).collect()
 }
 
-/// A point of something thin over `at`, or within [`NEAR_MM`] of it and lower than what is over it.
+/// A point of something thin over `at`, or within [`MET_MM`] of it and lower than what is over it.
 fn thin_near(body: &dyn Indenter, at: DVec2) -> Option<DVec3> {
     let own_mm = body.lower_surface(at.x, at.y);
     let thin_from = |from: DVec3| {
@@ -40,13 +44,14 @@ fn thin_near(body: &dyn Indenter, at: DVec2) -> Option<DVec3> {
     let mut z_mm = 0.0;
     while z_mm <= top_mm {
         let gap_mm = body.distance(at.extend(z_mm));
-        if gap_mm <= NEAR_MM {
+        if gap_mm <= MET_MM {
             return thin_from(at.extend(z_mm));
         }
-        z_mm += (gap_mm * gap_mm - NEAR_MM * NEAR_MM).sqrt().max(LEAST_STEP_MM);
+        z_mm += (gap_mm * gap_mm - NEAR_MM * NEAR_MM).sqrt();
     }
-    // ...or what is over the point itself, where its walls are as near as its underside.
-    own_mm.and_then(|own_mm| thin_from(at.extend(own_mm + WIDE_MM)))
+    // ...or what is over the point itself, where a wall is nearer than its underside.
+    let above = at.extend(own_mm? + WIDE_MM);
+    if body.distance(above) < -FAR_INSIDE * WIDE_MM { None } else { thin_from(above) }
 }
 
 /// A point just inside the body, and which way is out of it there.
@@ -62,8 +67,9 @@ fn wall_near(body: &dyn Indenter, from: DVec3) -> Option<Wall> {
         let (gap_mm, normal) = body.distance_and_normal(p);
         p -= normal * (gap_mm + INSIDE_MM);
         if let Some(underside_mm) = body.lower_surface(p.x, p.y) {
-            let outward = normal.truncate().try_normalize()?;
-            return Some(Wall { inside: p.with_z(underside_mm), outward });
+            let lean = normal.truncate().length();
+            let outward = normal.truncate() / lean;
+            return (lean > LEVEL).then_some(Wall { inside: p.with_z(underside_mm), outward });
         }
     }
     None

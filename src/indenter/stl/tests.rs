@@ -400,7 +400,8 @@ fn a_fin_is_found_under_the_block_that_hides_it() {
         let body = load_mm(&fin_under_a_block(thick, high)).expect("a solid");
         let thin = body.thin_parts();
         assert!(thin.len() >= 27, "{thick} {high}: {}", thin.len());
-        assert!(thin.iter().all(|p| p.x.abs() <= 0.5 * thick && p.z.abs() < 1e-6), "{thin:?}");
+        let astray: Vec<_> = thin.iter().filter(|p| p.x.abs() > 0.5 * thick || p.z.abs() > 1e-6).collect();
+        assert!(astray.is_empty(), "{thick} {high}: {astray:?}");
     }
     let wide = load_mm(&fin_under_a_block(0.3, 0.5)).expect("a solid");
     assert_eq!(wide.thin_parts(), []);
