@@ -1,5 +1,6 @@
 //! What a simulation hands over at a capture.
 
+use super::Error;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -22,6 +23,22 @@ pub struct Surface {
 }
 
 impl Surface {
+    /// Refuses a lattice that spans no face.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] with fewer than two points along a side.
+    pub fn can_have(nx: usize, ny: usize) -> Result<(), Error> {
+        if nx >= 2 && ny >= 2 {
+            return Ok(());
+        }
+        Err(Error::Setting {
+            key: "elastomer.surface",
+            value: format!("[{nx}, {ny}]"),
+            allowed: "at least 2 points along each direction".to_owned(),
+            next: "ask for more".to_owned(),
+        })
+    }
+
     /// The undeformed x and y of a lattice point, mm.
     pub fn rest_xy(&self, i: usize, j: usize) -> [f64; 2] {
         let along = |n: usize, size: f64, k: usize| -size / 2.0 + size * k as f64 / (n - 1) as f64;

@@ -50,7 +50,8 @@ use self::scheme::Scheme;
 use self::stress::Stored;
 use super::interrupt::Interrupt;
 use super::{
-    ContactForces, Elastomer, ElastomerCapture, Error, Mode, Pad, Settings, SolverStats, pose_can_be_reached,
+    ContactForces, Elastomer, ElastomerCapture, Error, Mode, Pad, Settings, SolverStats, Surface,
+    pose_can_be_reached,
 };
 use crate::indenter::Indenter;
 use crate::pose::Pose;
@@ -382,14 +383,7 @@ impl Elastomer for ExplicitSolver {
     }
 
     fn capture(&mut self, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
-        if nx < 2 || ny < 2 {
-            return Err(Error::Setting {
-                key: "elastomer.surface",
-                value: format!("[{nx}, {ny}]"),
-                allowed: "at least 2 points along each direction".to_owned(),
-                next: "ask for more".to_owned(),
-            });
-        }
+        Surface::can_have(nx, ny)?;
         let surface = surface::sample(&self.body, nx, ny);
         let distance_mm: Vec<f64> = surface
             .positions

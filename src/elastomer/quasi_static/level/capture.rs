@@ -40,14 +40,7 @@ impl Level {
     /// # Errors
     /// [`Error::Setting`] for a lattice with fewer than two points along a side.
     pub fn capture(&self, indenter: &dyn Indenter, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
-        if nx < 2 || ny < 2 {
-            return Err(Error::Setting {
-                key: "elastomer.surface",
-                value: format!("[{nx}, {ny}]"),
-                allowed: "at least 2 points along each direction".to_owned(),
-                next: "ask for more".to_owned(),
-            });
-        }
+        Surface::can_have(nx, ny)?;
         let grid = self.machine.operator.grid();
         let (cx, top) = (grid.cx(), grid.layers() - 1);
         let tables = |n: usize, size: f64, cells: usize| -> Vec<(f64, usize, [f64; 3])> {
