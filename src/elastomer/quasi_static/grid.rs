@@ -146,6 +146,23 @@ impl Grid {
         let cell = (s.floor() as usize).min(n - 1);
         (cell, uniform_values(s - cell as f64))
     }
+
+    /// Where a point of the face at rest is with the displacement `u` of the control points, mm; the [traces](Self::trace) are those of
+    /// its place along x and y.
+    #[inline(always)]
+    pub fn moved(&self, u: &[f32], rest: [f64; 3], [(i, wx), (j, wy)]: [(usize, [f64; 3]); 2]) -> [f64; 3] {
+        let (cx, top) = (self.cx(), self.layers() - 1);
+        let mut p = rest;
+        for (c, p) in p.iter_mut().enumerate() {
+            let plane = &u[self.at(c, top)..][..self.plane()];
+            for (b, wy) in wy.iter().enumerate() {
+                for (a, wx) in wx.iter().enumerate() {
+                    *p += wy * wx * f64::from(plane[(j + b) * cx + i + a]);
+                }
+            }
+        }
+        p
+    }
 }
 
 /// The three uniform quadratic splines at `t` in a cell.

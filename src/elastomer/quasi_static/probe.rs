@@ -78,18 +78,8 @@ impl Face<'_> {
     }
 
     /// Where a point of it is now; cells and weights are those of its place.
-    fn at(&self, [x, y]: [f64; 2], [(i, wx), (j, wy)]: [(usize, [f64; 3]); 2]) -> DVec3 {
-        let (cx, top) = (self.grid.cx(), self.grid.layers() - 1);
-        let mut p = [x, y, self.rest_mm(x, y)];
-        for (c, p) in p.iter_mut().enumerate() {
-            let plane = &self.u[self.grid.at(c, top)..][..self.grid.plane()];
-            for (b, wy) in wy.iter().enumerate() {
-                for (a, wx) in wx.iter().enumerate() {
-                    *p += wy * wx * f64::from(plane[(j + b) * cx + i + a]);
-                }
-            }
-        }
-        p.into()
+    fn at(&self, [x, y]: [f64; 2], traces: [(usize, [f64; 3]); 2]) -> DVec3 {
+        self.grid.moved(self.u, [x, y, self.rest_mm(x, y)], traces).into()
     }
 
     /// The point of it that is at a place now, or nearly there where it is folded; nothing beside the pad.

@@ -42,7 +42,6 @@ impl Level {
     pub fn capture(&self, indenter: &dyn Indenter, nx: usize, ny: usize) -> Result<ElastomerCapture, Error> {
         Surface::can_have(nx, ny)?;
         let grid = self.machine.operator.grid();
-        let (cx, top) = (grid.cx(), grid.layers() - 1);
         let tables = |n: usize, size: f64, cells: usize| -> Vec<(f64, usize, [f64; 3])> {
             (0..n)
                 .map(|i| {
@@ -58,15 +57,8 @@ impl Level {
         positions.par_chunks_exact_mut(nx).zip(contact.par_chunks_exact_mut(nx)).zip(&ys).for_each(
             |((positions, contact), (y, j, wy))| {
                 for ((position, contact), (x, i, wx)) in positions.iter_mut().zip(contact).zip(&xs) {
-                    let mut p = [*x, *y, self.chart.map_or(0.0, |chart| chart.height_mm(*x, *y))];
-                    for (c, p) in p.iter_mut().enumerate() {
-                        let plane = &self.at.u[grid.at(c, top)..][..grid.plane()];
-                        for (b, wy) in wy.iter().enumerate() {
-                            for (a, wx) in wx.iter().enumerate() {
-                                *p += wy * wx * f64::from(plane[(j + b) * cx + i + a]);
-                            }
-                        }
-                    }
+                    let rest = [*x, *y, self.chart.map_or(0.0, |chart| chart.height_mm(*x, *y))];
+                    let p = grid.moved(&self.at.u, rest, [(*i, *wx), (*j, *wy)]);
                     *position = Vec3::new(p[0] as f32, p[1] as f32, p[2] as f32);
                     *contact = patch.contains(x / grid.size[0] + 0.5, y / grid.size[1] + 0.5);
                 }
