@@ -6,11 +6,6 @@ pub use rustfft::{Fft, FftDirection as Direction};
 use std::sync::Arc;
 
 /// A transform of `points` numbers of single precision; back and forth together multiply by `points`.
-pub fn single(points: usize, direction: Direction) -> Arc<dyn Fft<f32>> {
-    FftPlanner::new().plan_fft(points, direction)
-}
-
-/// A transform of `points` numbers of double precision; back and forth together multiply by `points`.
-pub fn double(points: usize, direction: Direction) -> Arc<dyn Fft<f64>> {
+pub fn plan(points: usize, direction: Direction) -> Arc<dyn Fft<f32>> {
     FftPlanner::new().plan_fft(points, direction)
 }

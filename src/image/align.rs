@@ -9,7 +9,7 @@
 
 use super::{Error, Picture, View, same_size};
 use serde::{Deserialize, Serialize};
-use twinrig_fourier::{Complex, Direction, double};
+use twinrig_fourier::{Complex, Direction, plan};
 
 /// By how much a picture lies to the right of and below another, pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -102,9 +102,10 @@ fn phase_correlation(a: &[f64], b: &[f64], w: usize, h: usize) -> Shift {
         s
     };
     let (sa, sb) = (spectrum(a), spectrum(b));
-    let mut cross: Vec<Complex<f64>> = sa.iter().zip(&sb).map(|(x, y)| x.conj() * y).collect();
+    let mut cross: Vec<Complex<f32>> = sa.iter().zip(&sb).map(|(x, y)| x.conj() * y).collect();
     // Whitening, with a floor so that empty frequencies do not turn into noise.
-    let floor = cross.iter().map(|c| c.norm()).sum::<f64>() / cross.len() as f64 * 1e-2 + f64::MIN_POSITIVE;
+    let mean = cross.iter().map(|c| f64::from(c.norm())).sum::<f64>() / cross.len() as f64;
+    let floor = mean as f32 * 1e-2 + f32::MIN_POSITIVE;
     cross.iter_mut().for_each(|c| *c /= c.norm() + floor);
     transform(&mut cross, w, h, Direction::Inverse);
     let peak = (0..cross.len()).max_by(|&i, &j| cross[i].re.total_cmp(&cross[j].re)).unwrap_or(0);
@@ -113,7 +114,7 @@ fn phase_correlation(a: &[f64], b: &[f64], w: usize, h: usize) -> Shift {
 }
 
 /// Horizontal slope as the real part, vertical slope as the imaginary part, faded out at the border.
-fn windowed_slopes(p: &[f64], w: usize, h: usize) -> Vec<Complex<f64>> {
+fn windowed_slopes(p: &[f64], w: usize, h: usize) -> Vec<Complex<f32>> {
     let hann = |i: usize, n: usize| (std::f64::consts::PI * (i as f64 + 0.5) / n as f64).sin().powi(2);
     let at = |i: usize, j: usize| p[j.min(h - 1) * w + i.min(w - 1)];
     let slope = |k: usize| {
@@ -121,16 +122,16 @@ fn windowed_slopes(p: &[f64], w: usize, h: usize) -> Vec<Complex<f64>> {
         let fade = hann(i, w) * hann(j, h);
         let dx = at(i + 1, j) - at(i.saturating_sub(1), j);
         let dy = at(i, j + 1) - at(i, j.saturating_sub(1));
-        Complex::new(dx * fade, dy * fade)
+        Complex::new((dx * fade) as f32, (dy * fade) as f32)
     };
     (0..w * h).map(slope).collect()
 }
 
-/// Two-dimensional FFT in place.
-fn transform(data: &mut [Complex<f64>], w: usize, h: usize, direction: Direction) {
-    double(w, direction).process(data);
-    let mut columns: Vec<Complex<f64>> = (0..w * h).map(|k| data[(k % h) * w + k / h]).collect();
-    double(h, direction).process(&mut columns);
+/// Two-dimensional FFT in place. (Single precision is plenty for the place of a peak, a whole pixel.)
+fn transform(data: &mut [Complex<f32>], w: usize, h: usize, direction: Direction) {
+    plan(w, direction).process(data);
+    let mut columns: Vec<Complex<f32>> = (0..w * h).map(|k| data[(k % h) * w + k / h]).collect();
+    plan(h, direction).process(&mut columns);
     for (k, value) in columns.into_iter().enumerate() {
         data[(k % h) * w + k / h] = value;
     }

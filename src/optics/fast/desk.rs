@@ -194,26 +194,25 @@ impl Desk<'_> {
             return;
         }
         let is_seen = |n: &&[f32]| !n[POSITION].is_nan();
-        if four.iter().all(is_seen) {
-            self.divide(rectangle, four);
-            return;
-        }
         let (wide, high) = (x1 - x0, y1 - y0);
-        if let (1, 1, Some(seen)) = (wide, high, four.into_iter().find(is_seen)) {
-            // The others are where they would see the pad if it went on as high.
-            let z = seen[POSITION + 2];
-            let [a, b, c, d] = [(x0, y0), (x1, y0), (x0, y1), (x1, y1)].map(|(x, y)| {
-                let [start, along] = self.frame.once.view.row(y)[x];
-                let mut node = vec![0.0; self.frame.slots.stride()];
-                self.frame.fill(&[start + along * ((z - start.z) / along.z)], &mut node);
-                node
-            });
-            let [own_a, own_b, own_c, own_d] = four;
-            let either = |own, other| if is_seen(&own) { own } else { other };
-            self.shade(
-                rectangle,
-                [either(own_a, &a), either(own_b, &b), either(own_c, &c), either(own_d, &d)],
-            );
+        let supposed;
+        let whole = match four.into_iter().find(is_seen) {
+            _ if four.iter().all(is_seen) => Some(four),
+            Some(seen) if (wide, high) == (1, 1) => {
+                // The others are where they would see the pad if it went on as high.
+                let z = seen[POSITION + 2];
+                supposed = [(x0, y0), (x1, y0), (x0, y1), (x1, y1)].map(|(x, y)| {
+                    let [start, along] = self.frame.once.view.row(y)[x];
+                    let mut node = vec![0.0; self.frame.slots.stride()];
+                    self.frame.fill(&[start + along * ((z - start.z) / along.z)], &mut node);
+                    node
+                });
+                Some([0, 1, 2, 3].map(|k| if is_seen(&four[k]) { four[k] } else { &supposed[k][..] }))
+            }
+            _ => None,
+        };
+        if let Some(four) = whole {
+            self.divide(rectangle, four);
             return;
         }
         let [a, b, c, d] = four;
@@ -240,27 +239,31 @@ impl Desk<'_> {
         node
     }
 
-    /// Divides a block until what it holds can be interpolated.
+    /// Divides a block until what it holds can be interpolated, and shades its parts. (One place calls for shading, all of
+    /// which is inlined and takes seconds to compile.)
     #[inline(always)]
     fn divide(&mut self, rectangle: Rectangle, four: [&[f32]; 4]) {
-        if self.finer(rectangle, four).is_none() {
-            self.shade(rectangle, four);
-            return;
-        }
-        // Parts that wait, with their nodes in the arena.
+        // Parts that wait, with their nodes in the arena; the whole keeps its own.
         let stride = self.frame.slots.stride();
         let mut arena = std::mem::take(&mut self.arena);
         let mut waiting = std::mem::take(&mut self.waiting);
         arena.clear();
-        four.iter().for_each(|n| arena.extend_from_slice(n));
-        waiting.push((rectangle, [0, 1, 2, 3]));
-        while let Some((rectangle, ids)) = waiting.pop() {
-            let [x0, y0, x1, y1] = rectangle;
-            let parents = ids.map(|k| &arena[k * stride..][..stride]);
+        let mut at_hand = Some((rectangle, None::<[usize; 4]>));
+        while let Some((rectangle, ids)) = at_hand {
+            let parents = match ids {
+                None => four,
+                Some(ids) => ids.map(|k| &arena[k * stride..][..stride]),
+            };
             let Some(finer) = self.finer(rectangle, parents) else {
                 self.shade(rectangle, parents);
+                at_hand = waiting.pop().map(|(part, ids)| (part, Some(ids)));
                 continue;
             };
+            let ids = ids.unwrap_or_else(|| {
+                four.iter().for_each(|n| arena.extend_from_slice(n));
+                [0, 1, 2, 3]
+            });
+            let [x0, y0, x1, y1] = rectangle;
             let (mx, my) = ((x0 + x1) / 2, (y0 + y1) / 2);
             let next = arena.len() / stride;
             let inner = [(mx, y0), (x0, my), (mx, my), (x1, my), (mx, y1)].map(|(x, y)| self.point(x, y));
@@ -285,7 +288,7 @@ impl Desk<'_> {
             waiting.push(([x0, y0, mx, my], [a, top, left, middle]));
             waiting.push(([mx, y0, x1, my], [top, b, middle, right]));
             waiting.push(([x0, my, mx, y1], [left, middle, c, bottom]));
-            waiting.push(([mx, my, x1, y1], [middle, right, bottom, d]));
+            at_hand = Some(([mx, my, x1, y1], Some([middle, right, bottom, d])));
         }
         (self.arena, self.waiting) = (arena, waiting);
     }

@@ -51,6 +51,7 @@ pub(super) fn sweep<L: Lanes, W: CellWork<L>>(
     let stride = op.cell_stride();
     let mut data = 0;
     let bend_stride = 8 * BEND_FIELDS * WIDTH;
+    let flat = Metric::flat();
     let mut bend = slab.0 * (g.nx / WIDTH) * depth * bend_stride;
     for j in slab.0..slab.1 {
         for i0 in (0..g.nx).step_by(WIDTH) {
@@ -85,15 +86,20 @@ pub(super) fn sweep<L: Lanes, W: CellWork<L>>(
                     }
                 }
                 let place = Place { k, data };
-                match &op.bend {
-                    None => work.cell(&mut grad, place, &Metric::flat()),
-                    Some(all) => {
-                        let here = &all.data[bend..bend + bend_stride];
-                        let metric = Metric::unbend(here, &mut grad);
-                        work.cell(&mut grad, place, &metric);
-                        Metric::bend(here, &mut grad);
-                        bend += bend_stride;
+                // (The work stands once for both: it is most of what is compiled here.)
+                let here = op.bend.as_ref().map(|all| &all.data[bend..bend + bend_stride]);
+                let bent;
+                let metric = match here {
+                    None => &flat,
+                    Some(here) => {
+                        bent = Metric::unbend(here, &mut grad);
+                        &bent
                     }
+                };
+                work.cell(&mut grad, place, metric);
+                if let Some(here) = here {
+                    Metric::bend(here, &mut grad);
+                    bend += bend_stride;
                 }
                 data += stride;
                 // And back.
