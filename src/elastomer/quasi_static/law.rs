@@ -137,14 +137,20 @@ pub fn rotation<L: Lanes>(f: &Mat<L>) -> Mat<L> {
     r
 }
 
+/// Element (i, j) of A B^T.
+#[inline(always)]
+fn of_rows<L: Lanes>(a: &Mat<L>, b: &Mat<L>, i: usize, j: usize) -> L {
+    a[i][0].fma(b[j][0], a[i][1].fma(b[j][1], a[i][2].mul(b[j][2])))
+}
+
 /// K = (tr V I - V)^-1 with V = F R^T, as (xx, yy, zz, xy, xz, yz).
 #[inline(always)]
 pub fn spin_stiffness_inverse<L: Lanes>(f: &Mat<L>, r: &Mat<L>) -> [L; 6] {
-    let v = |i: usize, j: usize| f[i][0].fma(r[j][0], f[i][1].fma(r[j][1], f[i][2].mul(r[j][2])));
-    let (vx, vy, vz) = (v(0, 0), v(1, 1), v(2, 2));
+    let (vx, vy, vz) = (of_rows(f, r, 0, 0), of_rows(f, r, 1, 1), of_rows(f, r, 2, 2));
     let zero = L::splat(0.0);
     let (a, b, c) = (vy.add(vz), vx.add(vz), vx.add(vy));
-    let (d, e, g) = (zero.sub(v(0, 1)), zero.sub(v(0, 2)), zero.sub(v(1, 2)));
+    let (xy, xz, yz) = (of_rows(f, r, 0, 1), of_rows(f, r, 0, 2), of_rows(f, r, 1, 2));
+    let (d, e, g) = (zero.sub(xy), zero.sub(xz), zero.sub(yz));
     // Adjugate of the symmetric matrix [a d e; d b g; e g c] over its determinant.
     let xx = g.fnma(g, b.mul(c));
     let xy = d.fnma(c, e.mul(g));
@@ -160,8 +166,9 @@ pub fn spin_stiffness_inverse<L: Lanes>(f: &Mat<L>, r: &Mat<L>) -> [L; 6] {
 /// Change of the rotation along `d`: dR = [omega]x R, omega = K axl(dF R^T - R dF^T).
 #[inline(always)]
 pub fn rotation_change<L: Lanes>(r: &Mat<L>, k: &[L; 6], d: &Mat<L>) -> Mat<L> {
-    let x = |i: usize, j: usize| d[i][0].fma(r[j][0], d[i][1].fma(r[j][1], d[i][2].mul(r[j][2])));
-    let (ax, ay, az) = (x(2, 1).sub(x(1, 2)), x(0, 2).sub(x(2, 0)), x(1, 0).sub(x(0, 1)));
+    let ax = of_rows(d, r, 2, 1).sub(of_rows(d, r, 1, 2));
+    let ay = of_rows(d, r, 0, 2).sub(of_rows(d, r, 2, 0));
+    let az = of_rows(d, r, 1, 0).sub(of_rows(d, r, 0, 1));
     let wx = k[0].fma(ax, k[3].fma(ay, k[4].mul(az)));
     let wy = k[3].fma(ax, k[1].fma(ay, k[5].mul(az)));
     let wz = k[4].fma(ax, k[5].fma(ay, k[2].mul(az)));

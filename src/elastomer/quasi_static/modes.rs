@@ -233,10 +233,10 @@ impl Kernel for Up<'_> {
                 x[BAND + i] = sum;
                 sum.store(&mut self.rhs[i * s + at..]);
             }
-            let scaled = |i: usize| x[BAND + i].mul(coefficient(f, i, 0));
-            let z = scaled(n - 1);
-            let y = coefficient::<L>(f, n - 1, 1).fnma(z, scaled(n - 2));
-            let x = coefficient::<L>(f, n - 1, 2).fnma(z, scaled(n - 3));
+            let last = &x[BAND + n - 3..BAND + n];
+            let z = last[2].mul(coefficient(f, n - 1, 0));
+            let y = coefficient::<L>(f, n - 1, 1).fnma(z, last[1].mul(coefficient(f, n - 2, 0)));
+            let x = coefficient::<L>(f, n - 1, 2).fnma(z, last[0].mul(coefficient(f, n - 3, 0)));
             let x = coefficient::<L>(f, n - 2, 1).fnma(y, x);
             for (c, v) in [x, y, z].into_iter().enumerate() {
                 v.store(&mut self.face[c * s + at..]);
@@ -264,7 +264,8 @@ impl Kernel for Down<'_> {
             let mut sums = [L::splat(0.0); BAND];
             let mut loads = [L::splat(0.0); 3];
             if let Some(load) = self.load {
-                let [x, y, z] = [0, 1, 2].map(|c| L::load(&load[c * s + at..]));
+                let x = L::load(&load[at..]);
+                let [y, z] = [L::load(&load[s + at..]), L::load(&load[2 * s + at..])];
                 let y = coefficient::<L>(f, n - 2, 1).fnma(x, y);
                 let z = coefficient::<L>(f, n - 1, 1).fnma(y, coefficient::<L>(f, n - 1, 2).fnma(x, z));
                 loads = [x, y, z];

@@ -92,7 +92,6 @@ impl Multiply<'_> {
         let whole = inner.min((b.len() + b_stride).saturating_sub(column + C * WIDTH) / b_stride);
         for i in 0..whole {
             let b = &b[i * b_stride + column..][..C * WIDTH];
-            let b: [L; C] = std::array::from_fn(|c| L::load(&b[c * WIDTH..]));
             add_products(&mut sums, &a[i..], a_stride, b);
         }
         for i in whole..inner {
@@ -100,8 +99,7 @@ impl Multiply<'_> {
             for (to, from) in padded.as_flattened_mut().iter_mut().zip(&b[i * b_stride + column..]) {
                 *to = *from;
             }
-            let b: [L; C] = std::array::from_fn(|c| L::load(&padded[c]));
-            add_products(&mut sums, &a[i..], a_stride, b);
+            add_products(&mut sums, &a[i..], a_stride, padded.as_flattened());
         }
         for (r, sum) in sums.iter().enumerate() {
             let to = &mut self.out[(row + r) * self.stride + column..];
@@ -142,8 +140,12 @@ fn add_products<L: Lanes, const R: usize, const C: usize>(
     sums: &mut [[L; C]; R],
     a: &[f32],
     stride: usize,
-    b: [L; C],
+    row: &[f32],
 ) {
+    let mut b = [L::splat(0.0); C];
+    for c in 0..C {
+        b[c] = L::load(&row[c * WIDTH..]);
+    }
     for (r, sum) in sums.iter_mut().enumerate() {
         let a = L::splat(a[r * stride]);
         for c in 0..C {

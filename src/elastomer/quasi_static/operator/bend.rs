@@ -96,7 +96,7 @@ impl<L: Lanes> Metric<L> {
             let inverse = read_matrix::<L>(&bend[p * BEND_FIELDS * WIDTH..]);
             let det = L::load(&bend[(p * BEND_FIELDS + 9) * WIDTH..]);
             for line in h.iter_mut() {
-                let of = line.map(|v| v.mul(det));
+                let of = [line[0].mul(det), line[1].mul(det), line[2].mul(det)];
                 for (a, to) in line.iter_mut().enumerate() {
                     let i = &inverse[a];
                     *to = of[2].fma(i[2], of[1].fma(i[1], of[0].mul(i[0])));

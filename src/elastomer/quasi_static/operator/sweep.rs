@@ -69,10 +69,6 @@ pub(super) fn sweep<L: Lanes, W: CellWork<L>>(
                             let h = &mut grad[gx + 2 * gy + 4 * gz];
                             for c in 0..3 {
                                 let (a, b, d) = (&ring[k % 3], &ring[(k + 1) % 3], &ring[(k + 2) % 3]);
-                                let mix = |w: &[f32; 3], x: L, y: L, z: L| {
-                                    let first = x.mul(L::splat(w[0]));
-                                    z.fma(L::splat(w[2]), y.fma(L::splat(w[1]), first))
-                                };
                                 h[c][0] = mix(&value[gz], a.dx[c][gx][gy], b.dx[c][gx][gy], d.dx[c][gx][gy]);
                                 h[c][1] = mix(&value[gz], a.dy[c][gx][gy], b.dy[c][gx][gy], d.dy[c][gx][gy]);
                                 h[c][2] = mix(
@@ -139,8 +135,15 @@ pub(super) fn sweep<L: Lanes, W: CellWork<L>>(
     }
 }
 
-/// Plane directions: x along each of three rows, then y. (Nothing is mapped over arrays within: in builds for tests that is a call
-/// for each element.)
+/// Three neighbours by their weights.
+#[inline(always)]
+fn mix<L: Lanes>(weights: &[f32; 3], x: L, y: L, z: L) -> L {
+    let first = x.mul(L::splat(weights[0]));
+    z.fma(L::splat(weights[2]), y.fma(L::splat(weights[1]), first))
+}
+
+/// Plane directions: x along each of three rows, then y. (Nothing is mapped over arrays within, and no closure is called: where these
+/// are not inlined, as in builds for tests, they are calls and know no instruction set.)
 #[inline(always)]
 fn read_layer<L: Lanes>(op: &Operator, u: &[f32], k: usize, j: usize, i0: usize, out: &mut Layer<L>) {
     let (g, t) = (&op.grid, &op.tables);
@@ -151,8 +154,7 @@ fn read_layer<L: Lanes>(op: &Operator, u: &[f32], k: usize, j: usize, i0: usize,
             let row = &plane[(j + b) * cx + i0..(j + b) * cx + i0 + WIDTH + 2];
             let (p, q, r) = (L::load(row), L::load(&row[1..]), L::load(&row[2..]));
             for gx in 0..2 {
-                let mix = |w: &[f32; 3]| r.fma(L::splat(w[2]), q.fma(L::splat(w[1]), p.mul(L::splat(w[0]))));
-                let (v, d) = (mix(&t.x[0][gx]), mix(&t.x[1][gx]));
+                let (v, d) = (mix(&t.x[0][gx], p, q, r), mix(&t.x[1][gx], p, q, r));
                 for gy in 0..2 {
                     let (wv, wd) = (L::splat(t.y[0][gy][b]), L::splat(t.y[1][gy][b]));
                     let dx = &mut out.dx[c][gx][gy];
