@@ -1,7 +1,7 @@
 //! The benchmark of the elastomer: throughput, time to solution, error against run time, what skipping saves.
 //!
 //! Stages, each a file: [`throughput`] (particle-steps per second of the explicit modes by size and threads, their
-//! memory, and the machine's own limits), [`solution`] (time to solution of the quasi-static mode by tolerance), [`curves`] (error against run time of
+//! memory, and the roofline of the machine), [`solution`] (time to solution of the quasi-static mode by tolerance), [`curves`] (error against run time of
 //! all modes over their resolutions), [`skips`] (the same work with and without doing what a scene does not need).
 //! [`peers`] holds other people's published figures, [`machine`] says on what was measured, [`files`] writes
 //! tables and pictures.

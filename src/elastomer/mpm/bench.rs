@@ -4,12 +4,12 @@
 //! pressed a little, so that contact, boundaries and re-binning are part of what is measured. Particles
 //! of the indenter are not counted, though their work is.
 //!
-//! Beside the rate stands what the machine could do at best ([`super::limits`]): the flops of the kernels, counted by running
+//! Beside the rate stands what the machine could do at best ([`super::roofline`]): the flops of the kernels, counted by running
 //! them on lanes that count, against the peak; and the memory read and written against the stream.
 
 use super::ExplicitSolver;
 use super::lanes::Isa;
-use super::limits::Limits;
+use super::roofline::Roofline;
 use crate::elastomer::{Elastomer, Error, Law, Material, Mode, Pad, Settings};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
@@ -75,7 +75,7 @@ pub struct Throughput {
     /// Bytes read and written per particle-step: every particle, tile and node once each way.
     pub bytes_per_particle_step: f64,
     /// What the machine can do on as many threads.
-    pub limits: Limits,
+    pub roofline: Roofline,
     /// Particle-steps a second at which the peak of fused products would be reached.
     pub bound_particle_steps_per_s: f64,
     /// Part of that bound that the best rate of what was computed reaches.
@@ -203,8 +203,8 @@ fn measure(load: &Load) -> Result<Throughput, Error> {
     let nodes = solver.body().grid.places.len() * super::grid::BLOCK_NODES;
     let bytes = (of_particles + of_grid) as f64;
     let (flops_each, bytes_each) = (flops_per_particle_step(law), 2.0 * bytes / count);
-    let limits = Limits::measure(isa);
-    let bound = limits.flops_per_s / flops_each;
+    let roofline = Roofline::measure(isa);
+    let bound = roofline.flops_per_s / flops_each;
     Ok(Throughput {
         particles: count as u64,
         indenter_points: solver.cloud.len as u64,
@@ -226,10 +226,10 @@ fn measure(load: &Load) -> Result<Throughput, Error> {
         bytes: bytes as u64,
         flops_per_particle_step: flops_each,
         bytes_per_particle_step: bytes_each,
-        limits,
+        roofline,
         bound_particle_steps_per_s: bound,
         of_peak: best_computed / bound,
-        of_stream: best_computed * bytes_each / limits.bytes_per_s,
+        of_stream: best_computed * bytes_each / roofline.bytes_per_s,
     })
 }
 

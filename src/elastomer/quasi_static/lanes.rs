@@ -280,17 +280,19 @@ mod x86 {
         #[inline(always)]
         fn add_staggered(x: [Self; 3], to: &mut [f32]) {
             let to = &mut to[..WIDTH + 2];
-            let [[a], [b], [c]] = x.map(|x| x.0.map(|x| unsafe { _mm512_castps_si512(x) }));
+            let [Self([a]), Self([b]), Self([c])] = x;
             let (front, b, c) = unsafe {
                 let zero = _mm512_setzero_si512();
-                let up = |x| _mm512_castsi512_ps(x);
-                let front = _mm512_add_ps(
-                    _mm512_add_ps(up(a), up(_mm512_alignr_epi32::<15>(b, zero))),
-                    up(_mm512_alignr_epi32::<14>(c, zero)),
-                );
-                let b = _mm512_alignr_epi32::<15>(zero, b);
-                let c = _mm512_alignr_epi32::<14>(zero, c);
-                (front, _mm512_castps512_ps128(up(b)), _mm512_castps512_ps128(up(c)))
+                let (b, c) = (_mm512_castps_si512(b), _mm512_castps_si512(c));
+                let b_up = _mm512_castsi512_ps(_mm512_alignr_epi32::<15>(b, zero));
+                let c_up = _mm512_castsi512_ps(_mm512_alignr_epi32::<14>(c, zero));
+                let b_beyond = _mm512_castsi512_ps(_mm512_alignr_epi32::<15>(zero, b));
+                let c_beyond = _mm512_castsi512_ps(_mm512_alignr_epi32::<14>(zero, c));
+                (
+                    _mm512_add_ps(_mm512_add_ps(a, b_up), c_up),
+                    _mm512_castps512_ps128(b_beyond),
+                    _mm512_castps512_ps128(c_beyond),
+                )
             };
             Self::load(to).add(Self([front])).store(to);
             let mut rest = [0.0; 4];

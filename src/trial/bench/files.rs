@@ -90,11 +90,11 @@ fn throughput_csv(report: &Report) -> String {
             t.bytes_per_node,
             t.bytes,
             t.flops_per_particle_step,
-            t.limits.flops_per_s,
+            t.roofline.flops_per_s,
             t.bound_particle_steps_per_s,
             t.of_peak,
             t.bytes_per_particle_step,
-            t.limits.bytes_per_s,
+            t.roofline.bytes_per_s,
             t.of_stream
         );
     }

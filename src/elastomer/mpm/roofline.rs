@@ -1,5 +1,5 @@
-//! What the machine itself can do, measured with the same instruction set as the kernels: the peak of fused products and
-//! the stream from and to memory. A rate says little without its bound.
+//! The roofline: what the machine itself can do at best, measured with the same instruction set as the kernels, which is the
+//! peak of fused products and the stream from and to memory. A rate says little without its bound.
 //!
 //! The peak is that of independent chains of fused multiply-add in registers, two flops each: three, six or twelve of
 //! them, since lanes of four registers leave room for three and those of one need eight to hide the latency. The stream
@@ -22,7 +22,7 @@ const STREAMS: usize = 4;
 
 /// What the machine can do on some threads.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Limits {
+pub struct Roofline {
     /// Threads of the measurement.
     pub threads: usize,
     /// Single-precision flops a second, a fused multiply-add as two.
@@ -79,9 +79,9 @@ impl Kernel for Stream<'_> {
     }
 }
 
-impl Limits {
+impl Roofline {
     /// Measures on the threads of the present pool.
-    pub fn measure(isa: Isa) -> Limits {
+    pub fn measure(isa: Isa) -> Roofline {
         let threads = rayon::current_num_threads();
         let round = |chains: &(dyn Fn() -> f32 + Sync)| {
             let begun = Instant::now();
@@ -109,7 +109,7 @@ impl Limits {
         let slowest = streams.into_iter().fold(0.0, f64::max);
         let flops = (threads * LINKS * WIDTH * 2) as f64;
         let bytes = (threads * ROWS * size_of::<Row>() * 2) as f64;
-        Limits { threads, flops_per_s: flops / least, bytes_per_s: bytes / slowest }
+        Roofline { threads, flops_per_s: flops / least, bytes_per_s: bytes / slowest }
     }
 }
 
@@ -126,10 +126,10 @@ mod tests {
             isa.run(Stream { rows: &mut rows });
             assert_eq!(rows, vec![Row([3.0; WIDTH]); 3]);
         }
-        let limits = Limits::measure(Isa::best());
+        let roofline = Roofline::measure(Isa::best());
         // No machine of this century is slower, none faster per thread.
-        let per_thread = limits.flops_per_s / limits.threads as f64;
-        assert!(per_thread > 1e7 && per_thread < 1e12, "{limits:?}");
-        assert!(limits.bytes_per_s > 1e7 && limits.bytes_per_s < 1e13, "{limits:?}");
+        let per_thread = roofline.flops_per_s / roofline.threads as f64;
+        assert!(per_thread > 1e7 && per_thread < 1e12, "{roofline:?}");
+        assert!(roofline.bytes_per_s > 1e7 && roofline.bytes_per_s < 1e13, "{roofline:?}");
     }
 }
