@@ -116,11 +116,11 @@ fn show(report: &Report) {
         ));
         screen::result(format_args!(
             "        of the machine's {:.0} GFLOP/s, {:.1} M/s at {:.0} flops each: {:.0} %; of its {:.0} GB/s at {:.0} bytes each: {:.0} %",
-            t.limits.flops_per_s / 1e9,
+            t.roofline.flops_per_s / 1e9,
             t.bound_particle_steps_per_s / 1e6,
             t.flops_per_particle_step,
             100.0 * t.of_peak,
-            t.limits.bytes_per_s / 1e9,
+            t.roofline.bytes_per_s / 1e9,
             t.bytes_per_particle_step,
             100.0 * t.of_stream
         ));
