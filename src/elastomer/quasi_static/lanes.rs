@@ -12,6 +12,9 @@ pub const WIDTH: usize = 16;
 
 /// Arithmetic on sixteen lanes.
 pub trait Lanes: Copy {
+    /// How many side by side leave room for the sums of five rows in the registers (of a product's tile).
+    const ABREAST: usize;
+
     /// The same number in each lane.
     fn splat(x: f32) -> Self;
     /// Reads sixteen numbers from the front of a slice.
@@ -130,6 +133,8 @@ impl Portable {
 }
 
 impl Lanes for Portable {
+    const ABREAST: usize = 1;
+
     #[inline(always)]
     fn splat(x: f32) -> Self {
         Self([Vec4::splat(x); 4])
@@ -182,12 +187,12 @@ impl Lanes for Portable {
     }
 }
 
-/// Implements [`Lanes`] by registers numbered `$i`, of `$w` numbers each. (Written out: loops over two registers are soon gone,
+/// Implements [`Lanes`] by registers numbered `$i`, of `$w` numbers each, `$abreast` of these abreast. (Written out: loops over two registers are soon gone,
 /// but took half the time of compiling a kernel; and a closure has no instruction set, so that where it is not inlined nothing in
 /// it is.)
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 macro_rules! registers {
-    ($name:ident, $reg:ty, [$($i:literal),*], $w:literal, $set1:ident, $load:ident, $store:ident, $add:ident, $sub:ident,
+    ($name:ident, $reg:ty, [$($i:literal),*], $w:literal, $abreast:literal, $set1:ident, $load:ident, $store:ident, $add:ident, $sub:ident,
      $mul:ident, $div:ident, |$x:ident, $y:ident, $z:ident| $fma:expr, |$u:ident, $v:ident, $t:ident| $fnma:expr,
      $min:ident, $max:ident $(, $more:item)*) => {
         /// Sixteen lanes in vector registers.
@@ -197,6 +202,8 @@ macro_rules! registers {
         // SAFETY (whole block): values of this type are made only inside the entry function below it,
         // which carries the target feature; loads and stores are bounds-checked by the slicing before them.
         impl Lanes for $name {
+            const ABREAST: usize = $abreast;
+
             #[inline(always)]
             fn splat(x: f32) -> Self {
                 Self([unsafe { $set1(x) }; [$($i),*].len()])
@@ -264,6 +271,7 @@ mod x86 {
         __m512,
         [0],
         16,
+        4,
         _mm512_set1_ps,
         _mm512_loadu_ps,
         _mm512_storeu_ps,
@@ -306,6 +314,7 @@ mod x86 {
         __m256,
         [0, 1],
         8,
+        1,
         _mm256_set1_ps,
         _mm256_loadu_ps,
         _mm256_storeu_ps,
@@ -340,6 +349,7 @@ mod arm {
         float32x4_t,
         [0, 1, 2, 3],
         4,
+        1,
         vdupq_n_f32,
         vld1q_f32,
         vst1q_f32,

@@ -87,19 +87,21 @@ impl Multiply<'_> {
     fn tile<L: Lanes, const R: usize, const C: usize>(&mut self, row: usize, column: usize) {
         let Product { a: (a, a_stride), b: (b, b_stride), inner, columns, .. } = self.of;
         let mut sums = [[L::splat(0.0); C]; R];
-        let a = &a[row * a_stride..];
+        let mut rows = [&a[..0]; R];
+        for r in 0..R {
+            rows[r] = &a[(row + r) * a_stride..][..inner];
+        }
         // What is read beyond the columns is not written; the last rows may have nothing there.
         let whole = inner.min((b.len() + b_stride).saturating_sub(column + C * WIDTH) / b_stride);
         for i in 0..whole {
-            let b = &b[i * b_stride + column..][..C * WIDTH];
-            add_products(&mut sums, &a[i..], a_stride, b);
+            add_products(&mut sums, &rows, i, &b[i * b_stride + column..][..C * WIDTH]);
         }
         for i in whole..inner {
             let mut padded = [[0.0; WIDTH]; C];
             for (to, from) in padded.as_flattened_mut().iter_mut().zip(&b[i * b_stride + column..]) {
                 *to = *from;
             }
-            add_products(&mut sums, &a[i..], a_stride, padded.as_flattened());
+            add_products(&mut sums, &rows, i, padded.as_flattened());
         }
         for (r, sum) in sums.iter().enumerate() {
             let to = &mut self.out[(row + r) * self.stride + column..];
@@ -123,7 +125,7 @@ impl Multiply<'_> {
     fn columns<L: Lanes, const R: usize>(&mut self, row: usize) {
         let mut left = self.of.columns.div_ceil(WIDTH);
         while left > 0 {
-            let tile = if left >= 4 { 4 } else { left.min(2) };
+            let tile = if left >= L::ABREAST { L::ABREAST } else { left.min(2) };
             left -= tile;
             match tile {
                 1 => self.tile::<L, R, 1>(row, left * WIDTH),
@@ -134,22 +136,22 @@ impl Multiply<'_> {
     }
 }
 
-/// Adds a column of `a`, its numbers `stride` apart, times a row of b.
+/// Adds number `i` of each row of a times row `i` of b.
 #[inline(always)]
 fn add_products<L: Lanes, const R: usize, const C: usize>(
     sums: &mut [[L; C]; R],
-    a: &[f32],
-    stride: usize,
-    row: &[f32],
+    rows: &[&[f32]; R],
+    i: usize,
+    of_b: &[f32],
 ) {
     let mut b = [L::splat(0.0); C];
     for c in 0..C {
-        b[c] = L::load(&row[c * WIDTH..]);
+        b[c] = L::load(&of_b[c * WIDTH..]);
     }
-    for (r, sum) in sums.iter_mut().enumerate() {
-        let a = L::splat(a[r * stride]);
+    for r in 0..R {
+        let a = L::splat(rows[r][i]);
         for c in 0..C {
-            sum[c] = a.fma(b[c], sum[c]);
+            sums[r][c] = a.fma(b[c], sums[r][c]);
         }
     }
 }
@@ -170,7 +172,7 @@ impl Kernel for Multiply<'_> {
     }
 }
 
-/// Rows of a result that are summed at once: with four registers of columns, what the vector registers hold.
+/// Rows of a result that are summed at once: with the columns that stand [abreast](Lanes::ABREAST), what the vector registers hold.
 pub const TILE_ROWS: usize = 5;
 
 #[cfg(test)]
