@@ -1,6 +1,7 @@
 //! Every shipped sensor file is loaded, checked and seen.
 
 use serde::Deserialize;
+use std::path::{Path, PathBuf};
 use twinrig::elastomer;
 use twinrig::optics::sensor::{HousingSpec, LightShapeSpec};
 use twinrig::optics::{DisplacedSurface, SensorOptics, imager, reference};
@@ -15,12 +16,17 @@ struct SensorFile {
     optics: SensorOptics,
 }
 
+/// Every shipped sensor file.
+fn shipped() -> impl Iterator<Item = PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors");
+    let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    files.filter(|path| path.extension().is_some_and(|e| e == "toml"))
+}
+
 #[test]
 fn shipped_sensors_load_pass_their_checks_and_see_all_of_their_pad() {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors");
     let mut seen = 0;
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
+    for path in shipped() {
         let file: SensorFile = toml::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
         assert_eq!(file.schema, 1);
         assert_eq!(Some(file.name.as_str()), path.file_stem().and_then(|s| s.to_str()));
@@ -53,10 +59,8 @@ fn shipped_sensors_load_pass_their_checks_and_see_all_of_their_pad() {
 /// Over the mesh that each has by default, in a small picture.
 #[test]
 fn shipped_sensors_are_rendered_by_the_fast_mode_and_meet_the_tolerance() {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors");
     let out = tempfile::tempdir().unwrap();
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
+    for path in shipped() {
         let render = std::process::Command::new(env!("CARGO_BIN_EXE_twinrig"))
             .args(["render", "--mode", "fast", "--size", "120x120", "--json", "--out"])
             .args([&out.path().join("picture.npy"), &path])
@@ -72,10 +76,8 @@ fn shipped_sensors_are_rendered_by_the_fast_mode_and_meet_the_tolerance() {
 /// A coarser mesh would take some points and leave others out: a sharp rim that runs aslant turns into beads.
 #[test]
 fn shipped_meshes_are_as_fine_as_the_face_that_the_elastomer_gives() {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors");
     let points = elastomer::Settings::default().surface;
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
+    for path in shipped() {
         let file: SensorFile = toml::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
         let vertices = file.optics.mesh_vertices([file.pad.size_x_mm, file.pad.size_y_mm]);
         assert!(vertices[0] >= points[0] && vertices[1] >= points[1], "{}: {vertices:?}", path.display());
@@ -84,7 +86,7 @@ fn shipped_meshes_are_as_fine_as_the_face_that_the_elastomer_gives() {
 
 #[test]
 fn a_typo_and_a_light_outside_are_told_with_their_keys() {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors/gelsight.toml");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors/gelsight.toml");
     let text = std::fs::read_to_string(path).unwrap();
     let typo = toml::from_str::<SensorFile>(&text.replace("mm_per_px", "mm_per_pixel"));
     assert!(typo.err().unwrap().to_string().contains("mm_per_pixel"));
@@ -98,7 +100,7 @@ fn a_typo_and_a_light_outside_are_told_with_their_keys() {
 
 /// What is wrong with the shipped GelSight after a change.
 fn told(change: impl Fn(&mut SensorOptics)) -> Vec<Problem> {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors/gelsight.toml");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors/gelsight.toml");
     let mut file: SensorFile = toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
     change(&mut file.optics);
     let mut problems = Problems::new();
@@ -181,7 +183,7 @@ fn what_follows_from_a_wrong_value_is_not_told_beside_it() {
 
 #[test]
 fn a_light_of_triangles_shines_as_the_rectangle_that_they_make() {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors/gelsight.toml");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors/gelsight.toml");
     let text = std::fs::read_to_string(path).unwrap();
     let rectangle = "{ kind = \"rectangle\", center_mm = [-14.999, 0.0, -2.5], facing = [1.0, 0.0, 0.0], size_mm = [24.0, 2.0] }";
     assert!(text.contains(rectangle));

@@ -12,7 +12,7 @@ pub const WIDTH: usize = 16;
 
 /// Arithmetic on sixteen lanes.
 pub trait Lanes: Copy {
-    /// How many side by side leave room for the sums of five rows in the registers (of a product's tile).
+    /// How many columns of lanes, side by side, have their sums of five rows in registers (for a product's tile).
     const ABREAST: usize;
 
     /// The same number in each lane.
@@ -120,7 +120,7 @@ fn dispatch_on<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
     }
 }
 
-/// Sixteen numbers in four vectors of glam's: registers where every machine of a kind has them, else plain numbers.
+/// Sixteen numbers in four vectors of glam's: registers where all machines of a kind have them, else plain numbers.
 #[derive(Clone, Copy)]
 pub struct Portable([Vec4; 4]);
 
@@ -187,9 +187,9 @@ impl Lanes for Portable {
     }
 }
 
-/// Implements [`Lanes`] by registers numbered `$i`, of `$w` numbers each, `$abreast` of these abreast. (Written out: loops over two registers are soon gone,
-/// but took half the time of compiling a kernel; and a closure has no instruction set, so that where it is not inlined nothing in
-/// it is.)
+/// Implements [`Lanes`] by registers numbered `$i`, of `$w` numbers each, with room for `$abreast` abreast. (Written out, since loops over
+/// two registers would be half of what a kernel takes to compile; and without closures, which have no instruction set: where one is
+/// not inlined, nothing in it is.)
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 macro_rules! registers {
     ($name:ident, $reg:ty, [$($i:literal),*], $w:literal, $abreast:literal, $set1:ident, $load:ident, $store:ident, $add:ident, $sub:ident,
