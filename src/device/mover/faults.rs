@@ -235,10 +235,7 @@ fn a_fault_at_any_byte_of_any_protocol_ends_true_recovered_or_refused() {
 fn every_shipped_protocol_is_swept() {
     let swept: std::collections::BTreeSet<String> =
         subjects().into_iter().map(|s| s.settings.protocol).collect();
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("firmware_protocols");
-    let files = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
-    let shipped = files.filter(|p| p.extension().is_some_and(|e| e == "toml"));
-    let shipped = shipped.map(|p| p.file_stem().unwrap().to_str().unwrap().to_owned()).collect();
+    let shipped = crate::protocol::conformance::tests::all_shipped().into_iter().collect();
     assert_eq!(swept, shipped);
 }
 
