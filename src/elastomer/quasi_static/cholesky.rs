@@ -44,6 +44,15 @@ impl Cholesky {
     }
 }
 
+/// Less so many times the other.
+#[inline(always)]
+fn take_from<L: Lanes>(from: &mut [f32; BLOCK], times: f32, other: &[f32; BLOCK]) {
+    let times = L::splat(times);
+    for i in (0..BLOCK).step_by(L::COUNT) {
+        times.fnma(L::load(&other[i..]), L::load(&from[i..])).store(&mut from[i..]);
+    }
+}
+
 struct Factor<'a> {
     a: &'a mut [f32],
     /// The block's rows below its triangle, transposed: `[column][row]`.
@@ -70,14 +79,12 @@ impl Factor<'_> {
             let value = self.a[(from + j) * s + from + j];
             let pivot = column[j].max(LEAST_PIVOT * value.abs()).sqrt();
             let over = L::splat(1.0 / pivot);
-            let halves = [over.mul(L::load(&column[..])), over.mul(L::load(&column[WIDTH..]))];
-            halves[0].store(&mut column[..]);
-            halves[1].store(&mut column[WIDTH..]);
+            for i in (0..BLOCK).step_by(L::COUNT) {
+                over.mul(L::load(&column[i..])).store(&mut column[i..]);
+            }
             column[j] = pivot;
-            for (other, at) in rest.iter_mut().zip(&column[j + 1..]) {
-                let at = L::splat(*at);
-                at.fnma(halves[0], L::load(&other[..])).store(&mut other[..]);
-                at.fnma(halves[1], L::load(&other[WIDTH..])).store(&mut other[WIDTH..]);
+            for (other, value) in rest.iter_mut().zip(&column[j + 1..]) {
+                take_from::<L>(other, *value, column);
             }
         }
         for i in 0..n {
@@ -94,13 +101,11 @@ impl Factor<'_> {
             let (done, rest) = inverse.split_at_mut(r + 1);
             let row = &mut done[r];
             let over = L::splat(1.0 / columns[r][r]);
-            let halves = [over.mul(L::load(&row[..])), over.mul(L::load(&row[WIDTH..]))];
-            halves[0].store(&mut row[..]);
-            halves[1].store(&mut row[WIDTH..]);
-            for (other, at) in rest.iter_mut().zip(&columns[r][r + 1..]) {
-                let at = L::splat(*at);
-                at.fnma(halves[0], L::load(&other[..])).store(&mut other[..]);
-                at.fnma(halves[1], L::load(&other[WIDTH..])).store(&mut other[WIDTH..]);
+            for i in (0..BLOCK).step_by(L::COUNT) {
+                over.mul(L::load(&row[i..])).store(&mut row[i..]);
+            }
+            for (other, value) in rest.iter_mut().zip(&columns[r][r + 1..]) {
+                take_from::<L>(other, *value, row);
             }
         }
         let mut transposed = [[0.0; BLOCK]; BLOCK];
@@ -122,11 +127,11 @@ impl Factor<'_> {
             let mut sums = [[L::splat(0.0); 2]; R];
             for (r, sum) in sums.iter_mut().enumerate() {
                 let at = (row + r) * s + column;
-                *sum = [L::load(&self.a[at..]), L::load(&self.a[at + WIDTH..])];
+                *sum = [L::load(&self.a[at..]), L::load(&self.a[at + L::COUNT..])];
             }
             for k in 0..BLOCK {
-                let p = &self.panel[k * s + column..][..2 * WIDTH];
-                let p = [L::load(p), L::load(&p[WIDTH..])];
+                let p = &self.panel[k * s + column..][..2 * L::COUNT];
+                let p = [L::load(p), L::load(&p[L::COUNT..])];
                 for (r, sum) in sums.iter_mut().enumerate() {
                     let l = L::splat(self.a[(row + r) * s + from + k]);
                     *sum = [l.fnma(p[0], sum[0]), l.fnma(p[1], sum[1])];
@@ -135,9 +140,9 @@ impl Factor<'_> {
             for (r, sum) in sums.iter().enumerate() {
                 let at = (row + r) * s + column;
                 sum[0].store(&mut self.a[at..]);
-                sum[1].store(&mut self.a[at + WIDTH..]);
+                sum[1].store(&mut self.a[at + L::COUNT..]);
             }
-            column += 2 * WIDTH;
+            column += 2 * L::COUNT;
         }
     }
 }
@@ -155,16 +160,19 @@ impl Kernel for Factor<'_> {
             }
             // The rows below become rows of the factor.
             for i in to..n {
-                let row = &mut self.a[i * s + from..][..BLOCK];
-                let mut sums = [L::splat(0.0); 2];
-                for k in 0..BLOCK {
-                    let value = L::splat(row[k]);
-                    let column = &inverse[k];
-                    sums[0] = value.fma(L::load(column), sums[0]);
-                    sums[1] = value.fma(L::load(&column[WIDTH..]), sums[1]);
+                let row: &mut [f32; BLOCK] =
+                    self.a[i * s + from..].first_chunk_mut().expect("rows are whole blocks");
+                let of = *row;
+                for j in (0..BLOCK).step_by(2 * L::COUNT) {
+                    let mut sums = [L::splat(0.0); 2];
+                    for (value, column) in of.iter().zip(&inverse) {
+                        let value = L::splat(*value);
+                        sums[0] = value.fma(L::load(&column[j..]), sums[0]);
+                        sums[1] = value.fma(L::load(&column[j + L::COUNT..]), sums[1]);
+                    }
+                    sums[0].store(&mut row[j..]);
+                    sums[1].store(&mut row[j + L::COUNT..]);
                 }
-                sums[0].store(row);
-                sums[1].store(&mut row[WIDTH..]);
                 for k in 0..BLOCK {
                     self.panel[k * s + i] = self.a[i * s + from + k];
                 }
@@ -206,7 +214,7 @@ impl Kernel for Solve<'_> {
             let mut k = 0;
             while k < i {
                 sum = L::load(&row[k..]).fma(L::load(&self.y[k..]), sum);
-                k += WIDTH;
+                k += L::COUNT;
             }
             // The last block reaches past the diagonal.
             let beyond: f32 = (i..k).map(|k| row[k] * self.y[k]).sum();
@@ -218,10 +226,10 @@ impl Kernel for Solve<'_> {
             let value = self.y[i] / row[i];
             let v = L::splat(value);
             let mut k = 0;
-            while k + WIDTH <= i {
-                let to = &mut self.y[k..k + WIDTH];
+            while k + L::COUNT <= i {
+                let to = &mut self.y[k..k + L::COUNT];
                 v.fnma(L::load(&row[k..]), L::load(to)).store(to);
-                k += WIDTH;
+                k += L::COUNT;
             }
             for k in k..i {
                 self.y[k] -= row[k] * value;

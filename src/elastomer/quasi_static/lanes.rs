@@ -1,25 +1,29 @@
-//! Sixteen single-precision numbers at once: the one place of the solver that knows instruction sets.
+//! Single-precision numbers side by side in a register: the one place of the solver that knows instruction sets.
 //!
 //! A kernel is written once over [`Lanes`] and run through [`dispatch`], which picks AVX-512, AVX2 with
-//! FMA, NEON or what every machine has when the program starts. All of them are sixteen wide, so data layouts do
-//! not depend on the machine; results are bitwise equal on one instruction set, whatever the thread count.
+//! FMA, NEON or what every machine has when the program starts. Lanes are as many as one register holds: a stress takes dozens of
+//! numbers a point, and with two registers to a number the sixteen of AVX2 hold next to none of them. Data that outlive a
+//! kernel lie in blocks of [`WIDTH`], which all of them divide. Results are bitwise equal on one instruction set, whatever the
+//! thread count.
 
 use glam::Vec4;
 use std::sync::OnceLock;
 
-/// Width of every implementation.
+/// Numbers in a block of data, a multiple of every [`Lanes::COUNT`].
 pub const WIDTH: usize = 16;
 
-/// Arithmetic on sixteen lanes.
+/// Arithmetic on the numbers in a register.
 pub trait Lanes: Copy {
+    /// How many there are.
+    const COUNT: usize;
     /// How many columns of lanes, side by side, have their sums of five rows in registers (for a product's tile).
     const ABREAST: usize;
 
     /// The same number in each lane.
     fn splat(x: f32) -> Self;
-    /// Reads sixteen numbers from the front of a slice.
+    /// Reads the front of a slice.
     fn load(from: &[f32]) -> Self;
-    /// Writes sixteen numbers to the front of a slice.
+    /// Writes to the front of a slice.
     fn store(self, to: &mut [f32]);
     /// self + b.
     fn add(self, b: Self) -> Self;
@@ -47,7 +51,21 @@ pub trait Lanes: Copy {
         }
     }
 
-    /// The lanes as an array.
+    /// Asks for the memory that number `at` of a slice lies in, if it has one, for soon.
+    #[inline(always)]
+    fn fetch(from: &[f32], at: usize) {
+        let at = from.as_ptr().wrapping_add(at);
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: a prefetch never faults, and SSE belongs to the baseline of x86_64.
+        unsafe {
+            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+            _mm_prefetch::<_MM_HINT_T0>(at.cast());
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = at;
+    }
+
+    /// The lanes in the first [`Self::COUNT`] places.
     #[inline(always)]
     fn to_array(self) -> [f32; WIDTH] {
         let mut out = [0.0; WIDTH];
@@ -120,54 +138,41 @@ fn dispatch_on<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
     }
 }
 
-/// Sixteen numbers in four vectors of glam's: registers where all machines of a kind have them, else plain numbers.
+/// A vector of glam's: a register where all machines of a kind have one, else plain numbers.
 #[derive(Clone, Copy)]
-pub struct Portable([Vec4; 4]);
-
-impl Portable {
-    #[inline(always)]
-    fn zip(self, b: Self, f: impl Fn(Vec4, Vec4) -> Vec4) -> Self {
-        let (a, b) = (self.0, b.0);
-        Self([f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2]), f(a[3], b[3])])
-    }
-}
+pub struct Portable(Vec4);
 
 impl Lanes for Portable {
-    const ABREAST: usize = 1;
+    const COUNT: usize = 4;
+    const ABREAST: usize = 2;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
-        Self([Vec4::splat(x); 4])
+        Self(Vec4::splat(x))
     }
     #[inline(always)]
     fn load(from: &[f32]) -> Self {
-        let from = &from[..WIDTH];
-        let quarter = |i: usize| Vec4::from_slice(&from[4 * i..]);
-        Self([quarter(0), quarter(1), quarter(2), quarter(3)])
+        Self(Vec4::from_slice(from))
     }
     #[inline(always)]
     fn store(self, to: &mut [f32]) {
-        let to = &mut to[..WIDTH];
-        self.0[0].write_to_slice(to);
-        self.0[1].write_to_slice(&mut to[4..]);
-        self.0[2].write_to_slice(&mut to[8..]);
-        self.0[3].write_to_slice(&mut to[12..]);
+        self.0.write_to_slice(to);
     }
     #[inline(always)]
     fn add(self, b: Self) -> Self {
-        self.zip(b, |x, y| x + y)
+        Self(self.0 + b.0)
     }
     #[inline(always)]
     fn sub(self, b: Self) -> Self {
-        self.zip(b, |x, y| x - y)
+        Self(self.0 - b.0)
     }
     #[inline(always)]
     fn mul(self, b: Self) -> Self {
-        self.zip(b, |x, y| x * y)
+        Self(self.0 * b.0)
     }
     #[inline(always)]
     fn div(self, b: Self) -> Self {
-        self.zip(b, |x, y| x / y)
+        Self(self.0 / b.0)
     }
     #[inline(always)]
     fn fma(self, b: Self, c: Self) -> Self {
@@ -179,82 +184,76 @@ impl Lanes for Portable {
     }
     #[inline(always)]
     fn min(self, b: Self) -> Self {
-        self.zip(b, Vec4::min)
+        Self(self.0.min(b.0))
     }
     #[inline(always)]
     fn max(self, b: Self) -> Self {
-        self.zip(b, Vec4::max)
+        Self(self.0.max(b.0))
     }
 }
 
-/// Implements [`Lanes`] by registers numbered `$i`, of `$w` numbers each, with room for `$abreast` abreast. (Written out, since loops over
-/// two registers would be half of what a kernel takes to compile; and without closures, which have no instruction set: where one is
-/// not inlined, nothing in it is.)
+/// Implements [`Lanes`] by a register of `$count` numbers, with room for `$abreast` abreast. (Without closures, which have no instruction
+/// set: where one is not inlined, nothing in it is.)
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
-macro_rules! registers {
-    ($name:ident, $reg:ty, [$($i:literal),*], $w:literal, $abreast:literal, $set1:ident, $load:ident, $store:ident, $add:ident, $sub:ident,
+macro_rules! register {
+    ($name:ident, $reg:ty, $count:literal, $abreast:literal, $set1:ident, $load:ident, $store:ident, $add:ident, $sub:ident,
      $mul:ident, $div:ident, |$x:ident, $y:ident, $z:ident| $fma:expr, |$u:ident, $v:ident, $t:ident| $fnma:expr,
      $min:ident, $max:ident $(, $more:item)*) => {
-        /// Sixteen lanes in vector registers.
+        /// Lanes of a vector register.
         #[derive(Clone, Copy)]
-        pub struct $name([$reg; [$($i),*].len()]);
+        pub struct $name($reg);
 
         // SAFETY (whole block): values of this type are made only inside the entry function below it,
         // which carries the target feature; loads and stores are bounds-checked by the slicing before them.
         impl Lanes for $name {
+            const COUNT: usize = $count;
             const ABREAST: usize = $abreast;
 
             #[inline(always)]
             fn splat(x: f32) -> Self {
-                Self([unsafe { $set1(x) }; [$($i),*].len()])
+                Self(unsafe { $set1(x) })
             }
             #[inline(always)]
             fn load(from: &[f32]) -> Self {
-                let from = &from[..WIDTH];
-                Self([$(unsafe { $load(from.as_ptr().add($i * $w)) }),*])
+                Self(unsafe { $load(from[..$count].as_ptr()) })
             }
             #[inline(always)]
             fn store(self, to: &mut [f32]) {
-                let to = &mut to[..WIDTH];
-                $(unsafe { $store(to.as_mut_ptr().add($i * $w), self.0[$i]) };)*
+                unsafe { $store(to[..$count].as_mut_ptr(), self.0) }
             }
             #[inline(always)]
             fn add(self, b: Self) -> Self {
-                Self([$(unsafe { $add(self.0[$i], b.0[$i]) }),*])
+                Self(unsafe { $add(self.0, b.0) })
             }
             #[inline(always)]
             fn sub(self, b: Self) -> Self {
-                Self([$(unsafe { $sub(self.0[$i], b.0[$i]) }),*])
+                Self(unsafe { $sub(self.0, b.0) })
             }
             #[inline(always)]
             fn mul(self, b: Self) -> Self {
-                Self([$(unsafe { $mul(self.0[$i], b.0[$i]) }),*])
+                Self(unsafe { $mul(self.0, b.0) })
             }
             #[inline(always)]
             fn div(self, b: Self) -> Self {
-                Self([$(unsafe { $div(self.0[$i], b.0[$i]) }),*])
+                Self(unsafe { $div(self.0, b.0) })
             }
             #[inline(always)]
             fn fma(self, b: Self, c: Self) -> Self {
-                Self([$({
-                    let ($x, $y, $z) = (self.0[$i], b.0[$i], c.0[$i]);
-                    unsafe { $fma }
-                }),*])
+                let ($x, $y, $z) = (self.0, b.0, c.0);
+                Self(unsafe { $fma })
             }
             #[inline(always)]
             fn fnma(self, b: Self, c: Self) -> Self {
-                Self([$({
-                    let ($u, $v, $t) = (self.0[$i], b.0[$i], c.0[$i]);
-                    unsafe { $fnma }
-                }),*])
+                let ($u, $v, $t) = (self.0, b.0, c.0);
+                Self(unsafe { $fnma })
             }
             #[inline(always)]
             fn min(self, b: Self) -> Self {
-                Self([$(unsafe { $min(self.0[$i], b.0[$i]) }),*])
+                Self(unsafe { $min(self.0, b.0) })
             }
             #[inline(always)]
             fn max(self, b: Self) -> Self {
-                Self([$(unsafe { $max(self.0[$i], b.0[$i]) }),*])
+                Self(unsafe { $max(self.0, b.0) })
             }
             $($more)*
         }
@@ -263,13 +262,12 @@ macro_rules! registers {
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::{Kernel, Lanes, WIDTH};
+    use super::{Kernel, Lanes};
     use std::arch::x86_64::*;
 
-    registers!(
+    register!(
         Avx512,
         __m512,
-        [0],
         16,
         4,
         _mm512_set1_ps,
@@ -284,37 +282,33 @@ mod x86 {
         _mm512_min_ps,
         _mm512_max_ps,
         // Loads that overlap a store just made would wait for it: the three are added in registers, and what
-        // they put beyond the front sixteen follows.
+        // they put beyond the front follows.
         #[inline(always)]
         fn add_staggered(x: [Self; 3], to: &mut [f32]) {
-            let to = &mut to[..WIDTH + 2];
-            let [Self([a]), Self([b]), Self([c])] = x;
-            let (front, b, c) = unsafe {
+            let to = &mut to[..Self::COUNT + 2];
+            let [Self(a), Self(b), Self(c)] = x;
+            let (front, beyond) = unsafe {
                 let zero = _mm512_setzero_si512();
                 let (b, c) = (_mm512_castps_si512(b), _mm512_castps_si512(c));
                 let b_up = _mm512_castsi512_ps(_mm512_alignr_epi32::<15>(b, zero));
                 let c_up = _mm512_castsi512_ps(_mm512_alignr_epi32::<14>(c, zero));
                 let b_beyond = _mm512_castsi512_ps(_mm512_alignr_epi32::<15>(zero, b));
                 let c_beyond = _mm512_castsi512_ps(_mm512_alignr_epi32::<14>(zero, c));
-                (
-                    _mm512_add_ps(_mm512_add_ps(a, b_up), c_up),
-                    _mm512_castps512_ps128(b_beyond),
-                    _mm512_castps512_ps128(c_beyond),
-                )
+                let beyond = _mm_add_ps(_mm512_castps512_ps128(b_beyond), _mm512_castps512_ps128(c_beyond));
+                (_mm512_add_ps(_mm512_add_ps(a, b_up), c_up), beyond)
             };
-            Self::load(to).add(Self([front])).store(to);
+            Self::load(to).add(Self(front)).store(to);
             let mut rest = [0.0; 4];
-            unsafe { _mm_storeu_ps(rest.as_mut_ptr(), _mm_add_ps(b, c)) };
-            to[WIDTH] += rest[0];
-            to[WIDTH + 1] += rest[1];
+            unsafe { _mm_storeu_ps(rest.as_mut_ptr(), beyond) };
+            to[Self::COUNT] += rest[0];
+            to[Self::COUNT + 1] += rest[1];
         }
     );
-    registers!(
+    register!(
         Avx2,
         __m256,
-        [0, 1],
         8,
-        1,
+        2,
         _mm256_set1_ps,
         _mm256_loadu_ps,
         _mm256_storeu_ps,
@@ -325,7 +319,27 @@ mod x86 {
         |a, b, c| _mm256_fmadd_ps(a, b, c),
         |a, b, c| _mm256_fnmadd_ps(a, b, c),
         _mm256_min_ps,
-        _mm256_max_ps
+        _mm256_max_ps,
+        // As above.
+        #[inline(always)]
+        fn add_staggered(x: [Self; 3], to: &mut [f32]) {
+            let to = &mut to[..Self::COUNT + 2];
+            let [Self(a), Self(b), Self(c)] = x;
+            let (front, beyond) = unsafe {
+                let zero = _mm256_setzero_ps();
+                let b = _mm256_permutevar8x32_ps(b, _mm256_setr_epi32(7, 0, 1, 2, 3, 4, 5, 6));
+                let c = _mm256_permutevar8x32_ps(c, _mm256_setr_epi32(6, 7, 0, 1, 2, 3, 4, 5));
+                let (b_up, c_up) = (_mm256_blend_ps::<1>(b, zero), _mm256_blend_ps::<3>(c, zero));
+                let b_beyond = _mm256_castps256_ps128(_mm256_blend_ps::<1>(zero, b));
+                let beyond = _mm_add_ps(b_beyond, _mm256_castps256_ps128(c));
+                (_mm256_add_ps(_mm256_add_ps(a, b_up), c_up), beyond)
+            };
+            Self::load(to).add(Self(front)).store(to);
+            let mut rest = [0.0; 4];
+            unsafe { _mm_storeu_ps(rest.as_mut_ptr(), beyond) };
+            to[Self::COUNT] += rest[0];
+            to[Self::COUNT + 1] += rest[1];
+        }
     );
 
     #[target_feature(enable = "avx512f")]
@@ -341,15 +355,14 @@ mod x86 {
 
 #[cfg(target_arch = "aarch64")]
 mod arm {
-    use super::{Kernel, Lanes, WIDTH};
+    use super::{Kernel, Lanes};
     use std::arch::aarch64::*;
 
-    registers!(
+    register!(
         Neon,
         float32x4_t,
-        [0, 1, 2, 3],
         4,
-        1,
+        4,
         vdupq_n_f32,
         vld1q_f32,
         vst1q_f32,
@@ -373,25 +386,24 @@ mod arm {
 mod tests {
     use super::*;
 
+    /// Works on all of two rows of [`WIDTH`] and more.
     struct Probe<'a>(&'a [f32], &'a [f32]);
 
     impl Kernel for Probe<'_> {
-        type Output = [[f32; WIDTH]; 6];
+        type Output = [[f32; WIDTH + 2]; 5];
         #[inline(always)]
         fn run<L: Lanes>(self) -> Self::Output {
-            let (a, b) = (L::load(self.0), L::load(&self.1[1..]));
+            let mut out = [[0.25; WIDTH + 2]; 5];
             let c = L::splat(0.5);
-            let mut staggered = [[0.25; WIDTH]; 2];
-            L::add_staggered([a, b, c], staggered.as_flattened_mut());
-            let [front, rest] = staggered;
-            [
-                a.fma(b, c).to_array(),
-                a.fnma(b, c).sub(b).to_array(),
-                a.div(b).min(c).to_array(),
-                a.mul(b).max(c).add(a).to_array(),
-                front,
-                rest,
-            ]
+            for at in (0..WIDTH).step_by(L::COUNT) {
+                let (a, b) = (L::load(&self.0[at..]), L::load(&self.1[at + 1..]));
+                a.fma(b, c).store(&mut out[0][at..]);
+                a.fnma(b, c).sub(b).store(&mut out[1][at..]);
+                a.div(b).min(c).store(&mut out[2][at..]);
+                a.mul(b).max(c).add(a).store(&mut out[3][at..]);
+                L::add_staggered([a, b, c], &mut out[4][at..]);
+            }
+            out
         }
     }
 
@@ -400,15 +412,23 @@ mod tests {
         let a: Vec<f32> = (0..16).map(|i| 0.3 + i as f32).collect();
         let b: Vec<f32> = (0..17).map(|i| 1.7 - 0.25 * i as f32).collect();
         let want = dispatch_on(Isa::Portable, Probe(&a, &b));
+        let mut staggered = [0.25; WIDTH + 2];
+        for i in 0..WIDTH {
+            for (n, x) in [a[i], b[i + 1], 0.5].into_iter().enumerate() {
+                staggered[i + n] += x;
+            }
+        }
         let mut sets = vec![best_isa()];
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
             sets.push(Isa::Avx2);
         }
+        let near = |g: f32, w: f32| (g - w).abs() <= 1e-5 * w.abs().max(1.0);
+        assert!(want[4].iter().zip(&staggered).all(|(g, w)| near(*g, *w)), "{:?}", want[4]);
         for isa in sets.drain(..) {
             let got = dispatch_on(isa, Probe(&a, &b));
             for (g, w) in got.iter().flatten().zip(want.iter().flatten()) {
-                assert!((g - w).abs() <= 1e-5 * w.abs().max(1.0), "{isa:?}: {g} instead of {w}");
+                assert!(near(*g, *w), "{isa:?}: {g} instead of {w}");
             }
         }
     }

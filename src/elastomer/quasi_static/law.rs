@@ -1,4 +1,4 @@
-//! Stress and tangent of the two laws, sixteen cells at a time.
+//! Stress and tangent of the two laws, several cells at a time.
 //!
 //! Volumetric terms use the mean of J over a cell's eight points (mean dilatation: Nagtegaal, Parks and
 //! Rice 1974; Simo, Taylor and Pister 1985): one volumetric constraint per cell, so that nearly
@@ -130,7 +130,7 @@ pub fn rotation<L: Lanes>(f: &Mat<L>) -> Mat<L> {
             }
         }
         // The step squares its error: a change below 3e-4 leaves less than 1e-7.
-        if step >= 1 && moved.to_array().iter().all(|m| *m < 1e-7) {
+        if step >= 1 && moved.to_array()[..L::COUNT].iter().all(|m| *m < 1e-7) {
             break;
         }
     }

@@ -70,9 +70,9 @@ impl RestLayer {
         let ([odd_x, odd_y], s, n) = (partners(c), self.x.stride, self.x.n);
         let rows = half.len() / s;
         let y = (&self.y.forward[odd_y][first * self.y.stride..], self.y.stride);
-        Product { a: y, b: (plane, n), rows, inner: self.y.n, columns: s }.to(half, s);
+        Product { a: y, b: (plane, n), rows, inner: self.y.n, columns: n }.to(half, s);
         let x = (self.x.back[odd_x].as_slice(), s);
-        Product { a: (half, s), b: x, rows, inner: n, columns: s }.to(out, stride);
+        Product { a: (half, s), b: x, rows, inner: n, columns: n }.to(out, stride);
     }
 
     /// Takes a field to wave space and sweeps every mode up to the face.
@@ -103,8 +103,8 @@ impl RestLayer {
     /// Some rows of x modes of component `c`, `stride` apart, back to points.
     fn along_x(&self, c: usize, from: &[f32], rows: usize, to: &mut [f32], stride: usize) {
         let x = (self.x.forward[partners(c)[0]].as_slice(), self.x.stride);
-        let columns = self.x.stride;
-        Product { a: (from, stride), b: x, rows, inner: self.x.n, columns }.to(to, stride);
+        let n = self.x.n;
+        Product { a: (from, stride), b: x, rows, inner: n, columns: n }.to(to, stride);
     }
 
     /// Rows of y modes of component `c`, `from.1` apart, back to a plane of control values.

@@ -1,7 +1,7 @@
 //! What is left of the undeformed layer for a pair of wave numbers: a banded system through the depth.
 //!
-//! Sixteen wave numbers along x are solved at once, those of one wave number along y in a row. A solution is a sweep
-//! from the base up and one back down; what loads the face alone enters between the two.
+//! As many wave numbers along x are solved at once as a register holds, those of one wave number along y in a row. A
+//! solution is a sweep from the base up and one back down; what loads the face alone enters between the two.
 
 use super::grid::{CellBasis, Grid};
 use super::lanes::{Kernel, Lanes, WIDTH, dispatch};
@@ -55,7 +55,8 @@ fn means(basis: &CellBasis) -> ([f64; 3], [f64; 3]) {
 #[derive(Debug)]
 pub struct Modes {
     rows: usize,
-    /// Padded wave numbers along x.
+    /// Wave numbers along x, and padded ones.
+    count: usize,
     stride: usize,
     /// `[y mode][block of x modes][row][BAND + 1][WIDTH]`: 1/d, then l of the columns before.
     factors: Vec<f32>,
@@ -66,7 +67,7 @@ impl Modes {
     pub fn new(grid: &Grid, stack: &Stack, x: &Waves, y: &Waves) -> Self {
         let rows = 3 * (grid.layers() - 1);
         assert!(rows <= MOST_ROWS, "a grid has at most {} layers", MOST_ROWS / 3);
-        let mut modes = Self { rows, stride: x.stride, factors: Vec::new() };
+        let mut modes = Self { rows, count: x.n, stride: x.stride, factors: Vec::new() };
         let (row, per_block) = (modes.factors_of_row(), modes.factors_of_block());
         modes.factors = vec![0.0; y.n * row];
         modes.factors.par_chunks_mut(row).enumerate().for_each(|(my, out)| {
@@ -91,20 +92,21 @@ impl Modes {
         self.factors_of_block() * (self.stride / WIDTH)
     }
 
-    fn factors(&self, my: usize) -> &[f32] {
-        &self.factors[my * self.factors_of_row()..][..self.factors_of_row()]
+    fn line(&self, my: usize) -> Line<'_> {
+        let factors = &self.factors[my * self.factors_of_row()..][..self.factors_of_row()];
+        Line { rows: self.rows, count: self.count, stride: self.stride, factors }
     }
 
     /// Sweeps the right-hand sides of y mode `my`, `[row][x mode]`, up from the base, and tells what the face will be,
     /// `[component][x mode]`, if nothing more is added.
     pub fn up(&self, my: usize, rhs: &mut [f32], face: &mut [f32]) {
-        dispatch(Up { rows: self.rows, stride: self.stride, factors: self.factors(my), rhs, face });
+        dispatch(Up { of: self.line(my), rhs, face });
     }
 
     /// Takes a load on the face, `[component][x mode]`, from what [`Self::up`] has left, and sweeps it down to the
     /// solution.
     pub fn down(&self, my: usize, load: Option<&[f32]>, rhs: &mut [f32]) {
-        dispatch(Down { rows: self.rows, stride: self.stride, factors: self.factors(my), load, rhs });
+        dispatch(Down { of: self.line(my), load, rhs });
     }
 
     /// What the face answers in y mode `my`, `[component][x mode]`, to a unit load of component `c` in each x mode.
@@ -207,10 +209,37 @@ fn coefficient<L: Lanes>(block: &[f32], row: usize, d: usize) -> L {
     L::load(&block[(row * (BAND + 1) + d) * WIDTH..])
 }
 
-struct Up<'a> {
+/// The systems of one y mode.
+#[derive(Clone, Copy)]
+struct Line<'a> {
     rows: usize,
+    count: usize,
     stride: usize,
     factors: &'a [f32],
+}
+
+impl<'a> Line<'a> {
+    /// Factors of the wave numbers from `at` on, as far as their block goes.
+    #[inline(always)]
+    fn factors(self, at: usize) -> &'a [f32] {
+        let block = self.rows * (BAND + 1) * WIDTH;
+        &self.factors[at / WIDTH * block + at % WIDTH..(at / WIDTH + 1) * block]
+    }
+
+    /// Asks for a row of the block after that of `at`, once.
+    #[inline(always)]
+    fn fetch_next<L: Lanes>(self, at: usize, row: usize) {
+        if at.is_multiple_of(WIDTH) {
+            let next = ((at / WIDTH + 1) * self.rows + row) * (BAND + 1);
+            for n in next..next + BAND + 1 {
+                L::fetch(self.factors, n * WIDTH);
+            }
+        }
+    }
+}
+
+struct Up<'a> {
+    of: Line<'a>,
     rhs: &'a mut [f32],
     face: &'a mut [f32],
 }
@@ -219,12 +248,13 @@ impl Kernel for Up<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let (n, s) = (self.rows, self.stride);
+        let (n, s) = (self.of.rows, self.of.stride);
         // Eight zero rows in front spare the band its case at the base.
         let mut x = [L::splat(0.0); MOST_ROWS + BAND];
-        for (b, f) in self.factors.chunks_exact(n * (BAND + 1) * WIDTH).enumerate() {
-            let at = b * WIDTH;
+        for at in (0..self.of.count).step_by(L::COUNT) {
+            let f = self.of.factors(at);
             for i in 0..n {
+                self.of.fetch_next::<L>(at, i);
                 let mut sum = L::load(&self.rhs[i * s + at..]);
                 // The row before comes last: the others are known earlier.
                 for d in (1..=BAND).rev() {
@@ -246,9 +276,7 @@ impl Kernel for Up<'_> {
 }
 
 struct Down<'a> {
-    rows: usize,
-    stride: usize,
-    factors: &'a [f32],
+    of: Line<'a>,
     load: Option<&'a [f32]>,
     rhs: &'a mut [f32],
 }
@@ -257,9 +285,9 @@ impl Kernel for Down<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let (n, s) = (self.rows, self.stride);
-        for (b, f) in self.factors.chunks_exact(n * (BAND + 1) * WIDTH).enumerate() {
-            let at = b * WIDTH;
+        let (n, s) = (self.of.rows, self.of.stride);
+        for at in (0..self.of.count).step_by(L::COUNT) {
+            let f = self.of.factors(at);
             // The rows below, to which the row above still adds: the nearest first.
             let mut sums = [L::splat(0.0); BAND];
             let mut loads = [L::splat(0.0); 3];
@@ -271,6 +299,7 @@ impl Kernel for Down<'_> {
                 loads = [x, y, z];
             }
             for i in (0..n).rev() {
+                self.of.fetch_next::<L>(at, i);
                 let mut v = L::load(&self.rhs[i * s + at..]);
                 if i + 3 >= n {
                     v = v.sub(loads[i + 3 - n]);

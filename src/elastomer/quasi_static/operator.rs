@@ -1,6 +1,6 @@
 //! Internal forces of the pad and their derivative, by sum factorisation.
 //!
-//! Work goes column by column: sixteen cells side by side in x, one row in y, all layers from the base to
+//! Work goes column by column: as many cells side by side in x as a register has lanes, one row in y, all layers from the base to
 //! the face. Each control layer is interpolated to the 2 x 2 Gauss points of the plane once, the depth
 //! direction then combines three layers per cell, and the transpose runs the same way back. Rows are
 //! grouped into slabs whose outputs are added in a fixed order, so that results do not depend on the
@@ -16,14 +16,14 @@ use self::bend::Bend;
 use self::evaluate::EvaluateSlab;
 use super::chart::Chart;
 use super::grid::Grid;
-use super::lanes::{WIDTH, dispatch};
+use super::lanes::dispatch;
 use super::law::{COROTATED_FIELDS, NEO_HOOKEAN_FIELDS};
 use super::stack::Stack;
 use crate::elastomer::Law;
 use rayon::prelude::*;
 
 /// Numbers stored per cell beside those of its points: pressure, its slope, mean J, and whether a point of
-/// the sixteen cells is in reach of the barrier.
+/// the cells beside it is in reach of the barrier.
 const CELL_FIELDS: usize = 4;
 /// Stiffness against uneven volume within a cell over the shear modulus.
 const EVENNESS: f64 = 4.0;
@@ -112,12 +112,13 @@ impl Operator {
         &self.grid
     }
 
-    fn cell_stride(&self) -> usize {
+    /// Numbers that the tangent has of a cell.
+    fn cell_fields(&self) -> usize {
         let fields = match self.law {
             Law::FixedCorotated => COROTATED_FIELDS,
             Law::NeoHookean => NEO_HOOKEAN_FIELDS,
         };
-        (8 * fields + CELL_FIELDS) * WIDTH
+        8 * fields + CELL_FIELDS
     }
 
     fn slab_len(&self, slab: (usize, usize)) -> usize {
@@ -126,7 +127,7 @@ impl Operator {
 
     /// Internal forces at displacement `u` (layer 0 carries the reaction of the base); fills `tangent`.
     pub fn evaluate(&self, u: &[f32], force: &mut [f32], tangent: &mut Tangent) -> Evaluation {
-        let row = self.cell_stride() * self.grid.hz.len() * (self.grid.nx / WIDTH);
+        let row = self.cell_fields() * self.grid.hz.len() * self.grid.nx;
         tangent.data.resize(row * self.grid.ny, 0.0);
         let mut rows: Vec<&mut [f32]> = Vec::with_capacity(self.slabs.len());
         let mut rest = tangent.data.as_mut_slice();
@@ -160,7 +161,7 @@ impl Operator {
 
     /// Applies the tangent to `d`; the bonded layer of the result is zero.
     pub fn apply(&self, tangent: &Tangent, d: &[f32], out: &mut [f32]) {
-        let row = self.cell_stride() * self.grid.hz.len() * (self.grid.nx / WIDTH);
+        let row = self.cell_fields() * self.grid.hz.len() * self.grid.nx;
         let parts: Vec<Vec<f32>> = self
             .slabs
             .par_iter()

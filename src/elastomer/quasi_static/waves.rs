@@ -92,9 +92,9 @@ impl Multiply<'_> {
             rows[r] = &a[(row + r) * a_stride..][..inner];
         }
         // What is read beyond the columns is not written; the last rows may have nothing there.
-        let whole = inner.min((b.len() + b_stride).saturating_sub(column + C * WIDTH) / b_stride);
+        let whole = inner.min((b.len() + b_stride).saturating_sub(column + C * L::COUNT) / b_stride);
         for i in 0..whole {
-            add_products(&mut sums, &rows, i, &b[i * b_stride + column..][..C * WIDTH]);
+            add_products(&mut sums, &rows, i, &b[i * b_stride + column..][..C * L::COUNT]);
         }
         for i in whole..inner {
             let mut padded = [[0.0; WIDTH]; C];
@@ -105,14 +105,14 @@ impl Multiply<'_> {
         }
         for (r, sum) in sums.iter().enumerate() {
             let to = &mut self.out[(row + r) * self.stride + column..];
-            if to.len() >= C * WIDTH {
+            if to.len() >= C * L::COUNT {
                 for c in 0..C {
-                    sum[c].store(&mut to[c * WIDTH..]);
+                    sum[c].store(&mut to[c * L::COUNT..]);
                 }
             } else {
                 let mut whole = [[0.0; WIDTH]; C];
                 for c in 0..C {
-                    sum[c].store(&mut whole[c]);
+                    sum[c].store(&mut whole.as_flattened_mut()[c * L::COUNT..]);
                 }
                 let n = to.len().min(columns - column);
                 to[..n].copy_from_slice(&whole.as_flattened()[..n]);
@@ -123,14 +123,14 @@ impl Multiply<'_> {
     /// R rows, from the last columns to the first: what is written beyond a row is so before the next row's own.
     #[inline(always)]
     fn columns<L: Lanes, const R: usize>(&mut self, row: usize) {
-        let mut left = self.of.columns.div_ceil(WIDTH);
+        let mut left = self.of.columns.div_ceil(L::COUNT);
         while left > 0 {
             let tile = if left >= L::ABREAST { L::ABREAST } else { left.min(2) };
             left -= tile;
             match tile {
-                1 => self.tile::<L, R, 1>(row, left * WIDTH),
-                2 => self.tile::<L, R, 2>(row, left * WIDTH),
-                _ => self.tile::<L, R, 4>(row, left * WIDTH),
+                1 => self.tile::<L, R, 1>(row, left * L::COUNT),
+                2 => self.tile::<L, R, 2>(row, left * L::COUNT),
+                _ => self.tile::<L, R, 4>(row, left * L::COUNT),
             }
         }
     }
@@ -146,7 +146,7 @@ fn add_products<L: Lanes, const R: usize, const C: usize>(
 ) {
     let mut b = [L::splat(0.0); C];
     for c in 0..C {
-        b[c] = L::load(&of_b[c * WIDTH..]);
+        b[c] = L::load(&of_b[c * L::COUNT..]);
     }
     for r in 0..R {
         let a = L::splat(rows[r][i]);

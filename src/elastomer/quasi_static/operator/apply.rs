@@ -1,6 +1,6 @@
 //! The tangent at the points of a slab, applied to a change of displacement.
 
-use super::super::lanes::{Kernel, Lanes, WIDTH};
+use super::super::lanes::{Kernel, Lanes};
 use super::super::law::{
     COROTATED_FIELDS, Mat, NEO_HOOKEAN_FIELDS, barrier, cofactor, cofactor_change, inner, rotation_change,
 };
@@ -42,27 +42,28 @@ struct ApplyCorotated<'a> {
 impl<L: Lanes> CellWork<L> for ApplyCorotated<'_> {
     #[inline(always)]
     fn cell(&mut self, grad: &mut [Mat<L>; 8], place: Place, metric: &Metric<L>) {
-        let data = &self.data[place.data..place.data + (CELL_FIELDS + 8 * COROTATED_FIELDS) * WIDTH];
+        let data = &self.data[place.data..place.data + (CELL_FIELDS + 8 * COROTATED_FIELDS) * L::COUNT];
         let moduli = self.op.moduli[place.k];
         let two_mu = L::splat(2.0 * moduli.mu);
-        let (pressure, slope) = (L::load(data), L::load(&data[WIDTH..]));
+        let (pressure, slope) = (L::load(data), L::load(&data[L::COUNT..]));
         let even = L::splat(moduli.evenness);
         let mut change = L::splat(0.0);
         for (p, d) in grad.iter().enumerate() {
-            let f = read_matrix::<L>(&data[(CELL_FIELDS + p * COROTATED_FIELDS) * WIDTH..]);
+            let f = read_matrix::<L>(&data[(CELL_FIELDS + p * COROTATED_FIELDS) * L::COUNT..], L::COUNT);
             change = inner(&cofactor(&f), d).fma(metric.share[p], change);
         }
         let change = change.mul(slope.sub(even)).mul(L::splat(0.125));
-        let pressure = even.fnma(L::load(&data[2 * WIDTH..]), pressure);
+        let pressure = even.fnma(L::load(&data[2 * L::COUNT..]), pressure);
         let lambda = L::splat(moduli.lambda);
-        let barred = data[3 * WIDTH] > 0.0;
+        let barred = data[3 * L::COUNT] > 0.0;
         for (p, d) in grad.iter_mut().enumerate() {
-            let data = &data[(CELL_FIELDS + p * COROTATED_FIELDS) * WIDTH..];
-            let f = read_matrix::<L>(data);
-            let r = read_matrix::<L>(&data[9 * WIDTH..]);
+            fetch_next::<L>(self.data, place, p, COROTATED_FIELDS);
+            let data = &data[(CELL_FIELDS + p * COROTATED_FIELDS) * L::COUNT..];
+            let f = read_matrix::<L>(data, L::COUNT);
+            let r = read_matrix::<L>(&data[9 * L::COUNT..], L::COUNT);
             let mut k = [change; 6];
             for (n, v) in k.iter_mut().enumerate() {
-                *v = L::load(&data[(18 + n) * WIDTH..]);
+                *v = L::load(&data[(18 + n) * L::COUNT..]);
             }
             let (c, dc, dr) = (cofactor(&f), cofactor_change(&f, d), rotation_change(&r, &k, d));
             let det = f[0][0].fma(c[0][0], f[0][1].fma(c[0][1], f[0][2].mul(c[0][2])));
@@ -91,22 +92,23 @@ struct ApplyNeoHookean<'a> {
 impl<L: Lanes> CellWork<L> for ApplyNeoHookean<'_> {
     #[inline(always)]
     fn cell(&mut self, grad: &mut [Mat<L>; 8], place: Place, metric: &Metric<L>) {
-        let data = &self.data[place.data..place.data + (CELL_FIELDS + 8 * NEO_HOOKEAN_FIELDS) * WIDTH];
+        let data = &self.data[place.data..place.data + (CELL_FIELDS + 8 * NEO_HOOKEAN_FIELDS) * L::COUNT];
         let moduli = self.op.moduli[place.k];
         let mu = L::splat(moduli.mu);
-        let (pressure, slope) = (L::load(data), L::load(&data[WIDTH..]));
+        let (pressure, slope) = (L::load(data), L::load(&data[L::COUNT..]));
         let mut mean = L::splat(0.0);
         let mut own = [mean; 8];
         for (p, d) in grad.iter().enumerate() {
-            let f = read_matrix::<L>(&data[(CELL_FIELDS + p * NEO_HOOKEAN_FIELDS) * WIDTH..]);
+            let f = read_matrix::<L>(&data[(CELL_FIELDS + p * NEO_HOOKEAN_FIELDS) * L::COUNT..], L::COUNT);
             own[p] = inner(&cofactor(&f), d);
             mean = own[p].fma(metric.share[p], mean);
         }
         let even = L::splat(moduli.evenness);
         let mean = mean.mul(slope.sub(even)).mul(L::splat(0.125));
-        let pressure = even.fnma(L::load(&data[2 * WIDTH..]), pressure);
+        let pressure = even.fnma(L::load(&data[2 * L::COUNT..]), pressure);
         for (p, d) in grad.iter_mut().enumerate() {
-            let f = read_matrix::<L>(&data[(CELL_FIELDS + p * NEO_HOOKEAN_FIELDS) * WIDTH..]);
+            fetch_next::<L>(self.data, place, p, NEO_HOOKEAN_FIELDS);
+            let f = read_matrix::<L>(&data[(CELL_FIELDS + p * NEO_HOOKEAN_FIELDS) * L::COUNT..], L::COUNT);
             let (c, dc) = (cofactor(&f), cofactor_change(&f, d));
             let det = f[0][0].fma(c[0][0], f[0][1].fma(c[0][1], f[0][2].mul(c[0][2])));
             let inv = L::splat(1.0).div(det);
@@ -119,5 +121,17 @@ impl<L: Lanes> CellWork<L> for ApplyNeoHookean<'_> {
                 }
             }
         }
+    }
+}
+
+/// Asks for the `fields` that the next cells have of a point: the tangent is larger than what is near a core, and is read in
+/// strides that no machine foresees.
+#[inline(always)]
+fn fetch_next<L: Lanes>(data: &[f32], place: Place, point: usize, fields: usize) {
+    /// Numbers that come from memory at once.
+    const LINE: usize = 16;
+    let next = place.data + (CELL_FIELDS + 8 * fields + point * fields) * L::COUNT;
+    for at in (next..next + fields * L::COUNT).step_by(LINE) {
+        L::fetch(data, at);
     }
 }

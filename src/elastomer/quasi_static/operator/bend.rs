@@ -50,7 +50,7 @@ impl Bend {
     }
 }
 
-/// What a [`Bend`] makes of the points of sixteen cells.
+/// What a [`Bend`] makes of the points of several cells.
 pub(super) struct Metric<L> {
     /// Volume of a point over the mean of the cell's.
     pub(super) share: [L; 8],
@@ -65,13 +65,13 @@ impl<L: Lanes> Metric<L> {
         Self { share: [L::splat(1.0); 8], volume: L::splat(1.0) }
     }
 
-    /// Of sixteen bent cells, whose gradients become those in space.
+    /// Of bent cells, whose gradients become those in space.
     #[inline(always)]
     pub(super) fn unbend(bend: &[f32], grad: &mut [Mat<L>; 8]) -> Self {
         let mut share = [L::splat(0.0); 8];
         let mut sum = L::splat(0.0);
         for (p, h) in grad.iter_mut().enumerate() {
-            let inverse = read_matrix::<L>(&bend[p * BEND_FIELDS * WIDTH..]);
+            let inverse = read_matrix::<L>(&bend[p * BEND_FIELDS * WIDTH..], WIDTH);
             share[p] = L::load(&bend[(p * BEND_FIELDS + 9) * WIDTH..]);
             sum = sum.add(share[p]);
             for line in h.iter_mut() {
@@ -93,7 +93,7 @@ impl<L: Lanes> Metric<L> {
     #[inline(always)]
     pub(super) fn bend(bend: &[f32], stress: &mut [Mat<L>; 8]) {
         for (p, h) in stress.iter_mut().enumerate() {
-            let inverse = read_matrix::<L>(&bend[p * BEND_FIELDS * WIDTH..]);
+            let inverse = read_matrix::<L>(&bend[p * BEND_FIELDS * WIDTH..], WIDTH);
             let det = L::load(&bend[(p * BEND_FIELDS + 9) * WIDTH..]);
             for line in h.iter_mut() {
                 let of = [line[0].mul(det), line[1].mul(det), line[2].mul(det)];

@@ -1,6 +1,6 @@
 //! Stored energy, stresses and the tangent's numbers at the points of a slab.
 
-use super::super::lanes::{Kernel, Lanes, WIDTH};
+use super::super::lanes::{Kernel, Lanes};
 use super::super::law::{
     BARRIER_BEGINS, COROTATED_FIELDS, Mat, NEO_HOOKEAN_FIELDS, barrier, cofactor, plus_identity, rotation,
     spin_stiffness_inverse, volume_change,
@@ -31,7 +31,7 @@ impl Kernel for EvaluateSlab<'_> {
         };
         sweep::<L, _>(self.op, self.slab, self.u, self.out, &mut work);
         let mut least = f32::INFINITY;
-        for (l, p) in work.least.to_array().iter().zip(work.poison.to_array()) {
+        for (l, p) in work.least.to_array()[..L::COUNT].iter().zip(work.poison.to_array()) {
             // `poison` is 0 unless a number was infinite or not a number.
             let seen = l + p;
             if !(seen >= least) {
@@ -69,9 +69,9 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
         }
         self.least = self.least.min(least);
         // Elsewhere the barrier is exactly zero.
-        let barred = least.to_array().iter().any(|j| *j < BARRIER_BEGINS);
+        let barred = least.to_array()[..L::COUNT].iter().any(|j| *j < BARRIER_BEGINS);
         mean = mean.mul(L::splat(0.125));
-        let data = &mut self.data[place.data..place.data + op.cell_stride()];
+        let data = &mut self.data[place.data..place.data + op.cell_fields() * L::COUNT];
         // Volumetric terms of the cell: pressure factor and its slope.
         let mut energy = zero;
         let (pressure, slope) = match op.law {
@@ -87,9 +87,9 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
             }
         };
         pressure.store(&mut data[0..]);
-        slope.store(&mut data[WIDTH..]);
-        mean.add(one).store(&mut data[2 * WIDTH..]);
-        L::splat(f32::from(u8::from(barred))).store(&mut data[3 * WIDTH..]);
+        slope.store(&mut data[L::COUNT..]);
+        mean.add(one).store(&mut data[2 * L::COUNT..]);
+        L::splat(f32::from(u8::from(barred))).store(&mut data[3 * L::COUNT..]);
         let even = L::splat(moduli.evenness);
         for (p, h) in grad.iter_mut().enumerate() {
             let mut own = zero;
@@ -102,16 +102,16 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
                 Law::FixedCorotated => {
                     let r = rotation(&f);
                     let k = spin_stiffness_inverse(&f, &r);
-                    let data = &mut data[(CELL_FIELDS + p * COROTATED_FIELDS) * WIDTH..];
+                    let data = &mut data[(CELL_FIELDS + p * COROTATED_FIELDS) * L::COUNT..];
                     for i in 0..3 {
                         for j in 0..3 {
                             let n = 3 * i + j;
-                            f[i][j].store(&mut data[n * WIDTH..]);
-                            r[i][j].store(&mut data[(9 + n) * WIDTH..]);
+                            f[i][j].store(&mut data[n * L::COUNT..]);
+                            r[i][j].store(&mut data[(9 + n) * L::COUNT..]);
                         }
                     }
                     for (n, v) in k.iter().enumerate() {
-                        v.store(&mut data[(18 + n) * WIDTH..]);
+                        v.store(&mut data[(18 + n) * L::COUNT..]);
                     }
                     let mut pressure = pressure;
                     if barred {
@@ -130,7 +130,7 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
                     }
                 }
                 Law::NeoHookean => {
-                    let data = &mut data[(CELL_FIELDS + p * NEO_HOOKEAN_FIELDS) * WIDTH..];
+                    let data = &mut data[(CELL_FIELDS + p * NEO_HOOKEAN_FIELDS) * L::COUNT..];
                     // F - C/J from the gradient alone: of the two, each near one, rounding would be left in a small press.
                     let of = *h;
                     let minors = cofactor(&of);
@@ -143,7 +143,7 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
                     for i in 0..3 {
                         own = mu.fma(of[i][i], own);
                         for j in 0..3 {
-                            f[i][j].store(&mut data[(3 * i + j) * WIDTH..]);
+                            f[i][j].store(&mut data[(3 * i + j) * L::COUNT..]);
                             own = half_mu.mul(of[i][j]).fma(of[i][j], own);
                             let turned = of[j][i].sub(minors[i][j]);
                             let sum = volume.fma(of[i][j], if i == j { turned.add(beyond) } else { turned });
@@ -156,7 +156,7 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
         }
         let weight = op.tables.weight[place.k];
         let energy = energy.mul(metric.volume);
-        self.energy += f64::from(weight) * energy.to_array().iter().map(|e| f64::from(*e)).sum::<f64>();
+        self.energy += f64::from(weight) * energy.to_array().map(f64::from).iter().sum::<f64>();
     }
 }
 
@@ -165,7 +165,7 @@ impl<L: Lanes> CellWork<L> for Evaluate<'_, L> {
 fn lanes_ln_1p<L: Lanes>(x: L) -> L {
     const FURTHEST: f32 = 0.25;
     let t = x.div(L::splat(2.0).add(x));
-    if !t.to_array().iter().all(|t| t.abs() <= FURTHEST) {
+    if !t.to_array()[..L::COUNT].iter().all(|t| t.abs() <= FURTHEST) {
         return L::load(&x.to_array().map(f32::ln_1p));
     }
     let s = t.mul(t);
@@ -178,7 +178,7 @@ fn lanes_ln_1p<L: Lanes>(x: L) -> L {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::lanes::dispatch;
+    use super::super::super::lanes::{WIDTH, dispatch};
     use super::*;
 
     struct Logarithms([f32; WIDTH]);
@@ -187,7 +187,11 @@ mod tests {
         type Output = [f32; WIDTH];
         #[inline(always)]
         fn run<L: Lanes>(self) -> [f32; WIDTH] {
-            lanes_ln_1p(L::load(&self.0)).to_array()
+            let mut out = self.0;
+            for at in (0..WIDTH).step_by(L::COUNT) {
+                lanes_ln_1p(L::load(&self.0[at..])).store(&mut out[at..]);
+            }
+            out
         }
     }
 

@@ -21,7 +21,7 @@ impl<L: Lanes> Layer<L> {
     }
 }
 
-/// Which sixteen cells of a sweep.
+/// Which cells of a sweep, as many side by side as there are lanes.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
     /// Layer of cells, from the base up.
@@ -30,7 +30,7 @@ pub(super) struct Place {
     pub(super) data: usize,
 }
 
-/// What happens at the eight points of sixteen cells: displacement gradients become weighted stresses.
+/// What happens at the eight points of these cells: displacement gradients become weighted stresses.
 pub(super) trait CellWork<L: Lanes> {
     fn cell(&mut self, gradients: &mut [Mat<L>; 8], place: Place, metric: &Metric<L>);
 }
@@ -48,13 +48,14 @@ pub(super) fn sweep<L: Lanes, W: CellWork<L>>(
     let (cx, layers, depth) = (g.cx(), g.layers(), g.hz.len());
     let rows = slab.1 - slab.0 + 2;
     let t = &op.tables;
-    let stride = op.cell_stride();
+    let stride = op.cell_fields() * L::COUNT;
     let mut data = 0;
     let bend_stride = 8 * BEND_FIELDS * WIDTH;
     let flat = Metric::flat();
-    let mut bend = slab.0 * (g.nx / WIDTH) * depth * bend_stride;
+    let mut grad = [[[L::splat(0.0); 3]; 3]; 8];
     for j in slab.0..slab.1 {
-        for i0 in (0..g.nx).step_by(WIDTH) {
+        for i0 in (0..g.nx).step_by(L::COUNT) {
+            let mut bend = (j * (g.nx / WIDTH) + i0 / WIDTH) * depth * bend_stride;
             let mut ring = [Layer::<L>::zero(); 3];
             let mut back = [Layer::<L>::zero(); 3];
             read_layer(op, u, 1, j, i0, &mut ring[1]);
@@ -62,7 +63,6 @@ pub(super) fn sweep<L: Lanes, W: CellWork<L>>(
                 read_layer(op, u, k + 2, j, i0, &mut ring[(k + 2) % 3]);
                 let [value, slope] = &t.z[k];
                 // Depth direction: gradients at the points, numbered gx + 2 gy + 4 gz.
-                let mut grad = [[[L::splat(0.0); 3]; 3]; 8];
                 for gz in 0..2 {
                     for gy in 0..2 {
                         for gx in 0..2 {
@@ -83,7 +83,7 @@ pub(super) fn sweep<L: Lanes, W: CellWork<L>>(
                 }
                 let place = Place { k, data };
                 // (The work stands once for both: it is most of what is compiled here.)
-                let here = op.bend.as_ref().map(|all| &all.data[bend..bend + bend_stride]);
+                let here = op.bend.as_ref().map(|all| &all.data[bend + i0 % WIDTH..bend + bend_stride]);
                 let bent;
                 let metric = match here {
                     None => &flat,
@@ -151,7 +151,7 @@ fn read_layer<L: Lanes>(op: &Operator, u: &[f32], k: usize, j: usize, i0: usize,
     for c in 0..3 {
         let plane = &u[g.at(c, k)..g.at(c, k) + g.plane()];
         for b in 0..3 {
-            let row = &plane[(j + b) * cx + i0..(j + b) * cx + i0 + WIDTH + 2];
+            let row = &plane[(j + b) * cx + i0..(j + b) * cx + i0 + L::COUNT + 2];
             let (p, q, r) = (L::load(row), L::load(&row[1..]), L::load(&row[2..]));
             for gx in 0..2 {
                 let (v, d) = (mix(&t.x[0][gx], p, q, r), mix(&t.x[1][gx], p, q, r));
@@ -204,13 +204,13 @@ fn write_layer<L: Lanes>(
     }
 }
 
-/// A matrix of each of sixteen cells, element by element.
+/// A matrix of each of several cells, element by element, `stride` apart.
 #[inline(always)]
-pub(super) fn read_matrix<L: Lanes>(data: &[f32]) -> Mat<L> {
+pub(super) fn read_matrix<L: Lanes>(data: &[f32], stride: usize) -> Mat<L> {
     let mut m = [[L::splat(0.0); 3]; 3];
     for i in 0..3 {
         for j in 0..3 {
-            m[i][j] = L::load(&data[(3 * i + j) * WIDTH..]);
+            m[i][j] = L::load(&data[(3 * i + j) * stride..]);
         }
     }
     m
