@@ -19,7 +19,7 @@ pub(super) const SLIP_SOFTNESS: f64 = 0.1;
 /// 2.5 %; with a strength of 2 the spheres drag 10 %, the cone 38 % less.
 const WHOLE: Hold = Hold { coefficient: 8.0, strength: 6.0 };
 /// What it bears once torn loose: as rubber slides. Found by experiment: less than that at which the face folds ahead of moon, pacman,
-/// dotted ring, torus and spheres that are dragged by 5 mm; with a strength of 2 it does, at a pace of ten seconds a millimetre.
+/// socket, torus and spheres that are dragged by 5 mm; with a strength of 2 it does, at a pace of ten seconds a millimetre.
 const TORN: Hold = Hold { coefficient: 0.8, strength: 1.0 };
 
 /// Power of the part of the way at which a point would have met the indenter, had the pad stood still, that

@@ -24,7 +24,7 @@ const MOST_MISSED: f64 = 0.5;
 /// What stands less far inside, cells, is brought out by the relief in any case.
 const MENDED: f64 = 0.3;
 /// Part of the face that may be turned over after a drag: more is no face that heights tell. Found by experiment: of 680 cases that of
-/// one is, a dotted ring 1.6 mm deep that is dragged 2 mm, by a hundredth; sharp walls that plough have a thousandth.
+/// one is, a socket 1.6 mm deep that is dragged 2 mm, by a hundredth; sharp walls that plough have a thousandth.
 const MOST_FOLDED: f64 = 5e-3;
 /// Part of its energy that a face may have lost without friction, and of its normal force with which it may resist a slide. Found by
 /// experiment: sharp ridges that turn catch on what bulges between them, resist with a quarter and lose thirteen times what is
@@ -122,7 +122,7 @@ impl Level {
 
     /// How much the lattice of the relief has to say about what the grip bears, from 0 to 1: all, unless most of a contact is rim, where
     /// the face without traction is not known. Found by experiment, against cells over which every point holds: with it spheres
-    /// (contacts of 1 to 2.3 mm in radius), cylinder, torus, moon, dotted ring and triangle take torques within 3 % that are up to
+    /// (contacts of 1 to 2.3 mm in radius), cylinder, torus, moon, socket and triangle take torques within 3 % that are up to
     /// 7.8 % off by the splines, and a cone, 2.4 cells across, drags 8 % too little if it has all to say.
     pub fn trust_in_grip(&self) -> f64 {
         let within = 1.0 - self.at.contacts.rim_part();
