@@ -2,9 +2,9 @@
 //!
 //! A = L L^T, right-looking (Golub and Van Loan, *Matrix Computations*, section 4.2.6): a block of columns is factored,
 //! the rows below it are multiplied with the inverse of its triangle, and what remains of the matrix loses their
-//! products. Rows are stored one after the other, padded to the SIMD width.
+//! products. Rows are stored one after the other, padded to whole blocks.
 
-use super::lanes::{Kernel, Lanes, WIDTH, dispatch};
+use super::lanes::{Isa, Kernel, Lanes, WIDTH, best_isa, dispatch_on};
 
 /// Columns that are factored together.
 const BLOCK: usize = 2 * WIDTH;
@@ -33,14 +33,22 @@ impl Cholesky {
 
     /// Factors what was filled in after [`Self::prepare`].
     pub fn factor(&mut self) {
+        self.factor_on(best_isa());
+    }
+
+    fn factor_on(&mut self, isa: Isa) {
         self.panel.resize(BLOCK * self.stride, 0.0);
-        dispatch(Factor { a: &mut self.a, panel: &mut self.panel, n: self.n, stride: self.stride });
+        dispatch_on(isa, Factor { a: &mut self.a, panel: &mut self.panel, n: self.n, stride: self.stride });
     }
 
     /// Solves in place; `y` grows to the stride.
     pub fn solve(&self, y: &mut Vec<f32>) {
+        self.solve_on(best_isa(), y);
+    }
+
+    fn solve_on(&self, isa: Isa, y: &mut Vec<f32>) {
         y.resize(self.stride, 0.0);
-        dispatch(Solve { l: &self.a, stride: self.stride, y, n: self.n });
+        dispatch_on(isa, Solve { l: &self.a, stride: self.stride, y, n: self.n });
     }
 }
 
@@ -241,6 +249,7 @@ impl Kernel for Solve<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::lanes::of_this_machine;
     use super::*;
 
     #[test]
@@ -256,12 +265,16 @@ mod tests {
                     rows[i * stride + j] = entry(i, j);
                 }
             }
-            cholesky.factor();
+            let given = cholesky.clone();
             let x: Vec<f32> = (0..n).map(|i| (i as f32 * 0.7).sin()).collect();
-            let mut y: Vec<f32> = (0..n).map(|i| (0..n).map(|j| entry(i, j) * x[j]).sum()).collect();
-            cholesky.solve(&mut y);
-            for (a, b) in y.iter().zip(&x) {
-                assert!((a - b).abs() < 1e-4, "n {n}: {a} instead of {b}");
+            let y: Vec<f32> = (0..n).map(|i| (0..n).map(|j| entry(i, j) * x[j]).sum()).collect();
+            for isa in of_this_machine() {
+                let (mut cholesky, mut y) = (given.clone(), y.clone());
+                cholesky.factor_on(isa);
+                cholesky.solve_on(isa, &mut y);
+                for (a, b) in y.iter().zip(&x) {
+                    assert!((a - b).abs() < 1e-4, "{isa:?}, n {n}: {a} instead of {b}");
+                }
             }
         }
     }

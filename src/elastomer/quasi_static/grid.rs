@@ -20,7 +20,7 @@ pub struct CellBasis {
 /// Cells and splines of a box.
 #[derive(Debug, Clone)]
 pub struct Grid {
-    /// Cells along x, a multiple of the SIMD width.
+    /// Cells along x, a multiple of [`WIDTH`](super::lanes::WIDTH).
     pub nx: usize,
     /// Cells along y.
     pub ny: usize,

@@ -2,9 +2,9 @@
 //!
 //! A kernel is written once over [`Lanes`] and run through [`dispatch`], which picks AVX-512, AVX2 with
 //! FMA, NEON or what every machine has when the program starts. Lanes are as many as one register holds: a stress takes dozens of
-//! numbers a point, and with two registers to a number the sixteen of AVX2 hold next to none of them. Data that outlive a
-//! kernel lie in blocks of [`WIDTH`], which all of them divide. Results are bitwise equal on one instruction set, whatever the
-//! thread count.
+//! numbers a point, and with two registers to a number the sixteen of AVX2 hold next to none of them. Data that are made
+//! elsewhere lie in blocks of [`WIDTH`], which all of them divide; the tangent lies as the kernel that makes it has lanes, and is for
+//! kernels of the same instruction set. Results are bitwise equal on one instruction set, whatever the thread count.
 
 use glam::Vec4;
 use std::sync::OnceLock;
@@ -65,7 +65,7 @@ pub trait Lanes: Copy {
         let _ = at;
     }
 
-    /// The lanes in the first [`Self::COUNT`] places.
+    /// The lanes in the first [`Self::COUNT`] places, zeros behind them.
     #[inline(always)]
     fn to_array(self) -> [f32; WIDTH] {
         let mut out = [0.0; WIDTH];
@@ -124,8 +124,19 @@ pub fn dispatch<K: Kernel>(kernel: K) -> K::Output {
     dispatch_on(best_isa(), kernel)
 }
 
+/// Every instruction set of this machine that the program can use.
+#[cfg(test)]
+pub fn of_this_machine() -> Vec<Isa> {
+    let mut sets = vec![Isa::Portable, best_isa()];
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+        sets.push(Isa::Avx2);
+    }
+    sets
+}
+
 /// Runs a kernel on a named instruction set, which must be one this machine has.
-fn dispatch_on<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
+pub(super) fn dispatch_on<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
     match isa {
         // SAFETY (all three): `best_isa` has seen the feature on this machine; tests ask the same way.
         #[cfg(target_arch = "x86_64")]
@@ -418,14 +429,9 @@ mod tests {
                 staggered[i + n] += x;
             }
         }
-        let mut sets = vec![best_isa()];
-        #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            sets.push(Isa::Avx2);
-        }
         let near = |g: f32, w: f32| (g - w).abs() <= 1e-5 * w.abs().max(1.0);
         assert!(want[4].iter().zip(&staggered).all(|(g, w)| near(*g, *w)), "{:?}", want[4]);
-        for isa in sets.drain(..) {
+        for isa in of_this_machine() {
             let got = dispatch_on(isa, Probe(&a, &b));
             for (g, w) in got.iter().flatten().zip(want.iter().flatten()) {
                 assert!(near(*g, *w), "{isa:?}: {g} instead of {w}");

@@ -70,7 +70,7 @@ struct Tables {
     weight: Vec<f32>,
 }
 
-/// The tangent at a displacement, point by point.
+/// The tangent at a displacement, point by point, as many cells side by side as the instruction set that made it has lanes.
 #[derive(Debug, Clone, Default)]
 pub struct Tangent {
     data: Vec<f32>,

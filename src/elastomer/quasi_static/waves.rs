@@ -2,7 +2,7 @@
 //!
 //! At the sizes of a pad (tens to a hundred wave numbers) a dense matrix is the fastest transform.
 
-use super::lanes::{Kernel, Lanes, WIDTH, dispatch};
+use super::lanes::{Isa, Kernel, Lanes, WIDTH, best_isa, dispatch_on};
 use std::f64::consts::PI;
 
 /// Orthonormal sines on n points, half a step from the ends of the period, and the cosines that are their partners, with
@@ -71,7 +71,11 @@ impl Product<'_> {
     /// Writes the result to rows that are `stride` apart, which is at least a row's columns. Up to fifteen numbers after the
     /// columns of a row may be overwritten.
     pub fn to(self, out: &mut [f32], stride: usize) {
-        dispatch(Multiply { of: self, out, stride });
+        self.multiply_on(best_isa(), out, stride);
+    }
+
+    fn multiply_on(self, isa: Isa, out: &mut [f32], stride: usize) {
+        dispatch_on(isa, Multiply { of: self, out, stride });
     }
 }
 
@@ -177,6 +181,7 @@ pub const TILE_ROWS: usize = 5;
 
 #[cfg(test)]
 mod tests {
+    use super::super::lanes::of_this_machine;
     use super::*;
 
     #[test]
@@ -186,12 +191,15 @@ mod tests {
             let (a_stride, b_stride, stride) = (inner + 3, columns, columns + 1);
             let a: Vec<f32> = (0..rows * a_stride).map(|n| number(n, 1)).collect();
             let b: Vec<f32> = (0..inner * b_stride).map(|n| number(n, 4)).collect();
-            let mut out = vec![f32::NAN; rows * stride];
-            Product { a: (&a, a_stride), b: (&b, b_stride), rows, inner, columns }.to(&mut out, stride);
-            for r in 0..rows {
-                for c in 0..columns {
-                    let sum: f32 = (0..inner).map(|i| a[r * a_stride + i] * b[i * b_stride + c]).sum();
-                    assert_eq!(out[r * stride + c], sum, "{rows} {inner} {columns}: {r} {c}");
+            for isa in of_this_machine() {
+                let mut out = vec![f32::NAN; rows * stride];
+                let product = Product { a: (&a, a_stride), b: (&b, b_stride), rows, inner, columns };
+                product.multiply_on(isa, &mut out, stride);
+                for r in 0..rows {
+                    for c in 0..columns {
+                        let sum: f32 = (0..inner).map(|i| a[r * a_stride + i] * b[i * b_stride + c]).sum();
+                        assert_eq!(out[r * stride + c], sum, "{isa:?}, {rows} {inner} {columns}: {r} {c}");
+                    }
                 }
             }
         }

@@ -124,14 +124,17 @@ impl<L: Lanes> CellWork<L> for ApplyNeoHookean<'_> {
     }
 }
 
-/// Asks for the `fields` that the next cells have of a point: the tangent is larger than what is near a core, and is read in
-/// strides that no machine foresees.
+/// Asks for what the next cells have, of themselves with the first point and the `fields` of each: the tangent is larger than what is
+/// near a core, and is read in strides that no machine foresees.
 #[inline(always)]
 fn fetch_next<L: Lanes>(data: &[f32], place: Place, point: usize, fields: usize) {
     /// Numbers that come from memory at once.
     const LINE: usize = 16;
-    let next = place.data + (CELL_FIELDS + 8 * fields + point * fields) * L::COUNT;
-    for at in (next..next + fields * L::COUNT).step_by(LINE) {
+    let next = place.data + (CELL_FIELDS + 8 * fields) * L::COUNT;
+    let own = if point == 0 { 0 } else { CELL_FIELDS };
+    let from = next + (own + point * fields) * L::COUNT;
+    let to = next + (CELL_FIELDS + (point + 1) * fields) * L::COUNT;
+    for at in (from..to).step_by(LINE) {
         L::fetch(data, at);
     }
 }
