@@ -296,7 +296,6 @@ mod x86 {
         // they put beyond the front follows.
         #[inline(always)]
         fn add_staggered(x: [Self; 3], to: &mut [f32]) {
-            let to = &mut to[..Self::COUNT + 2];
             let [Self(a), Self(b), Self(c)] = x;
             let (front, beyond) = unsafe {
                 let zero = _mm512_setzero_si512();
@@ -308,11 +307,7 @@ mod x86 {
                 let beyond = _mm_add_ps(_mm512_castps512_ps128(b_beyond), _mm512_castps512_ps128(c_beyond));
                 (_mm512_add_ps(_mm512_add_ps(a, b_up), c_up), beyond)
             };
-            Self::load(to).add(Self(front)).store(to);
-            let mut rest = [0.0; 4];
-            unsafe { _mm_storeu_ps(rest.as_mut_ptr(), beyond) };
-            to[Self::COUNT] += rest[0];
-            to[Self::COUNT + 1] += rest[1];
+            add_beyond(Self(front), beyond, to);
         }
     );
     register!(
@@ -334,7 +329,6 @@ mod x86 {
         // As above.
         #[inline(always)]
         fn add_staggered(x: [Self; 3], to: &mut [f32]) {
-            let to = &mut to[..Self::COUNT + 2];
             let [Self(a), Self(b), Self(c)] = x;
             let (front, beyond) = unsafe {
                 let zero = _mm256_setzero_ps();
@@ -345,13 +339,20 @@ mod x86 {
                 let beyond = _mm_add_ps(b_beyond, _mm256_castps256_ps128(c));
                 (_mm256_add_ps(_mm256_add_ps(a, b_up), c_up), beyond)
             };
-            Self::load(to).add(Self(front)).store(to);
-            let mut rest = [0.0; 4];
-            unsafe { _mm_storeu_ps(rest.as_mut_ptr(), beyond) };
-            to[Self::COUNT] += rest[0];
-            to[Self::COUNT + 1] += rest[1];
+            add_beyond(Self(front), beyond, to);
         }
     );
+
+    /// Adds lanes to the front of a slice, and the first two of `beyond` to what follows.
+    #[inline(always)]
+    fn add_beyond<L: Lanes>(front: L, beyond: __m128, to: &mut [f32]) {
+        let to = &mut to[..L::COUNT + 2];
+        L::load(to).add(front).store(to);
+        let mut rest = [0.0; 4];
+        unsafe { _mm_storeu_ps(rest.as_mut_ptr(), beyond) };
+        to[L::COUNT] += rest[0];
+        to[L::COUNT + 1] += rest[1];
+    }
 
     #[target_feature(enable = "avx512f")]
     pub(super) unsafe fn run_avx512<K: Kernel>(kernel: K) -> K::Output {

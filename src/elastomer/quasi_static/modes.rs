@@ -68,7 +68,7 @@ impl Modes {
         let rows = 3 * (grid.layers() - 1);
         assert!(rows <= MOST_ROWS, "a grid has at most {} layers", MOST_ROWS / 3);
         let mut modes = Self { rows, count: x.n, stride: x.stride, factors: Vec::new() };
-        let (row, per_block) = (modes.factors_of_row(), modes.factors_of_block());
+        let (row, per_block) = (modes.factors_of_row(), factors_of_block(rows));
         modes.factors = vec![0.0; y.n * row];
         modes.factors.par_chunks_mut(row).enumerate().for_each(|(my, out)| {
             let sy = axis_symbols(y, &grid.y, grid.hy, my);
@@ -84,14 +84,11 @@ impl Modes {
         modes
     }
 
-    fn factors_of_block(&self) -> usize {
-        self.rows * (BAND + 1) * WIDTH
-    }
-
     fn factors_of_row(&self) -> usize {
-        self.factors_of_block() * (self.stride / WIDTH)
+        factors_of_block(self.rows) * (self.stride / WIDTH)
     }
 
+    /// The systems of y mode `my`.
     fn line(&self, my: usize) -> Line<'_> {
         let factors = &self.factors[my * self.factors_of_row()..][..self.factors_of_row()];
         Line { rows: self.rows, count: self.count, stride: self.stride, factors }
@@ -209,6 +206,12 @@ fn coefficient<L: Lanes>(block: &[f32], row: usize, d: usize) -> L {
     L::load(&block[(row * (BAND + 1) + d) * WIDTH..])
 }
 
+/// Numbers that [`WIDTH`] systems of so many rows have.
+#[inline(always)]
+fn factors_of_block(rows: usize) -> usize {
+    rows * (BAND + 1) * WIDTH
+}
+
 /// The systems of one y mode.
 #[derive(Clone, Copy)]
 struct Line<'a> {
@@ -222,7 +225,7 @@ impl<'a> Line<'a> {
     /// Factors of the wave numbers from `at` on, as far as their block goes.
     #[inline(always)]
     fn factors(self, at: usize) -> &'a [f32] {
-        let block = self.rows * (BAND + 1) * WIDTH;
+        let block = factors_of_block(self.rows);
         &self.factors[at / WIDTH * block + at % WIDTH..(at / WIDTH + 1) * block]
     }
 
