@@ -36,6 +36,7 @@ pub mod lanes;
 pub mod law;
 pub mod layer;
 pub mod level;
+pub mod mirror;
 pub mod modes;
 pub mod newton;
 pub mod operator;

@@ -42,6 +42,17 @@ pub trait Lanes: Copy {
     /// Greater of two, lane by lane.
     fn max(self, b: Self) -> Self;
 
+    /// The lanes from the last to the first.
+    #[inline(always)]
+    fn reversed(self) -> Self {
+        let lanes = self.to_array();
+        let mut reversed = [0.0; WIDTH];
+        for i in 0..Self::COUNT {
+            reversed[i] = lanes[Self::COUNT - 1 - i];
+        }
+        Self::load(&reversed)
+    }
+
     /// Adds `x[0]` to the front of a slice, `x[1]` one number further and `x[2]` two.
     #[inline(always)]
     fn add_staggered(x: [Self; 3], to: &mut [f32]) {
@@ -308,6 +319,11 @@ mod x86 {
                 (_mm512_add_ps(_mm512_add_ps(a, b_up), c_up), beyond)
             };
             add_beyond(Self(front), beyond, to);
+        },
+        #[inline(always)]
+        fn reversed(self) -> Self {
+            let order = [15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0i32];
+            Self(unsafe { _mm512_permutexvar_ps(_mm512_loadu_si512(order.as_ptr().cast()), self.0) })
         }
     );
     register!(
@@ -340,6 +356,10 @@ mod x86 {
                 (_mm256_add_ps(_mm256_add_ps(a, b_up), c_up), beyond)
             };
             add_beyond(Self(front), beyond, to);
+        },
+        #[inline(always)]
+        fn reversed(self) -> Self {
+            Self(unsafe { _mm256_permutevar8x32_ps(self.0, _mm256_setr_epi32(7, 6, 5, 4, 3, 2, 1, 0)) })
         }
     );
 
@@ -402,10 +422,10 @@ mod tests {
     struct Probe<'a>(&'a [f32], &'a [f32]);
 
     impl Kernel for Probe<'_> {
-        type Output = [[f32; WIDTH + 2]; 5];
+        type Output = [[f32; WIDTH + 2]; 6];
         #[inline(always)]
         fn run<L: Lanes>(self) -> Self::Output {
-            let mut out = [[0.25; WIDTH + 2]; 5];
+            let mut out = [[0.25; WIDTH + 2]; 6];
             let c = L::splat(0.5);
             for at in (0..WIDTH).step_by(L::COUNT) {
                 let (a, b) = (L::load(&self.0[at..]), L::load(&self.1[at + 1..]));
@@ -414,6 +434,7 @@ mod tests {
                 a.div(b).min(c).store(&mut out[2][at..]);
                 a.mul(b).max(c).add(a).store(&mut out[3][at..]);
                 L::add_staggered([a, b, c], &mut out[4][at..]);
+                a.reversed().store(&mut out[5][WIDTH - L::COUNT - at..]);
             }
             out
         }
@@ -431,6 +452,7 @@ mod tests {
             }
         }
         let near = |g: f32, w: f32| (g - w).abs() <= 1e-5 * w.abs().max(1.0);
+        assert!(want[5].iter().zip(a.iter().rev()).all(|(g, w)| g == w), "{:?}", want[5]);
         assert!(want[4].iter().zip(&staggered).all(|(g, w)| near(*g, *w)), "{:?}", want[4]);
         for isa in of_this_machine() {
             let got = dispatch_on(isa, Probe(&a, &b));

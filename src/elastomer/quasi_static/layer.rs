@@ -12,9 +12,10 @@
 //! and answer with a load on it.
 
 use super::grid::Grid;
+use super::mirror::Plane;
 use super::modes::Modes;
 use super::stack::Stack;
-use super::waves::{Product, TILE_ROWS, Waves};
+use super::waves::{Kind, Product, TILE_ROWS, Waves};
 use rayon::prelude::*;
 
 /// The inverse of the rest-state operator, its sides held along themselves.
@@ -29,9 +30,11 @@ pub struct RestLayer {
 /// A field on its way through the inverse.
 #[derive(Debug, Default)]
 pub struct Passage {
+    /// Planes of what comes in, folded along both axes ([`super::mirror`]): `[component][layer without the base][y][x]`.
+    folded: Vec<f32>,
     /// `[y mode][layer without the base][component][padded x mode]`.
     waves: Vec<f32>,
-    /// The face as it will be if no load is added: `[y mode][component][padded x]`.
+    /// The face as it will be if no load is added: `[y mode][component][padded folded x]`.
     face: Vec<f32>,
 }
 
@@ -52,42 +55,62 @@ impl RestLayer {
         self.x.n * self.y.n
     }
 
+    fn points(&self) -> Plane {
+        Plane([self.x.n, self.y.n])
+    }
+
     /// Unknowns of a mode.
     fn rows(&self) -> usize {
         3 * (self.layers - 1)
     }
 
-    /// Some y modes from `first` on of a plane of control values of component `c`, to x modes in rows `stride` apart.
+    /// Some y modes from `first` on of a folded plane of component `c`, to x modes in rows `stride` apart.
     fn to_waves(
         &self,
         c: usize,
         first: usize,
-        plane: &[f32],
+        folded: &[f32],
         half: &mut [f32],
         out: &mut [f32],
         stride: usize,
     ) {
         let ([odd_x, odd_y], s, n) = (partners(c), self.x.stride, self.x.n);
         let rows = half.len() / s;
-        let y = (&self.y.forward[odd_y][first * self.y.stride..], self.y.stride);
-        Product { a: y, b: (plane, n), rows, inner: self.y.n, columns: n }.to(half, s);
-        let x = (self.x.back[odd_x].as_slice(), s);
-        Product { a: (half, s), b: x, rows, inner: n, columns: n }.to(out, stride);
+        for Kind { waves, points } in self.y.kinds(odd_y) {
+            let (from, to) = (waves.start.max(first), waves.end.min(first + rows));
+            if from < to {
+                let y = (&self.y.forward[odd_y][from * self.y.table_stride..], self.y.table_stride);
+                let plane = (&folded[points.start * n..], n);
+                Product { a: y, b: plane, rows: to - from, inner: points.len(), columns: n }
+                    .to(&mut half[(from - first) * s..], s);
+            }
+        }
+        for Kind { waves, points } in self.x.kinds(odd_x) {
+            let x = (&self.x.back[odd_x][points.start * self.x.table_stride..], self.x.table_stride);
+            Product { a: (&half[points.start..], s), b: x, rows, inner: points.len(), columns: waves.len() }
+                .to(&mut out[waves.start..], stride);
+        }
     }
 
     /// Takes a field to wave space and sweeps every mode up to the face.
     pub fn enter(&self, r: &[f32], passage: &mut Passage) {
         let (n, s, per_mode) = (self.plane(), self.x.stride, self.rows() * self.x.stride);
-        passage.waves.resize(self.y.n * per_mode, 0.0);
-        passage.face.resize(self.y.n * 3 * s, 0.0);
-        let pieces = passage.waves.par_chunks_mut(TILE_ROWS * per_mode);
-        let faces = passage.face.par_chunks_mut(TILE_ROWS * 3 * s);
+        let Passage { folded, waves, face } = passage;
+        folded.resize(self.rows() * n, 0.0);
+        waves.resize(self.y.n * per_mode, 0.0);
+        face.resize(self.y.n * 3 * s, 0.0);
+        folded.par_chunks_exact_mut(n).enumerate().for_each(|(i, folded)| {
+            let (c, k) = (i / (self.layers - 1), i % (self.layers - 1) + 1);
+            self.points().fold(&r[(c * self.layers + k) * n..][..n], folded);
+        });
+        let pieces = waves.par_chunks_mut(TILE_ROWS * per_mode);
+        let faces = face.par_chunks_mut(TILE_ROWS * 3 * s);
         pieces.zip(faces).enumerate().for_each(|(tile, (waves, face))| {
             let first = tile * TILE_ROWS;
             let mut half = vec![0.0; waves.len() / self.rows()];
             for i in 0..self.rows() {
-                let (k, c) = (i / 3 + 1, i % 3);
-                let plane = &r[(c * self.layers + k) * n..];
+                let (k, c) = (i / 3, i % 3);
+                let plane = &folded[(c * (self.layers - 1) + k) * n..][..n];
                 self.to_waves(c, first, plane, &mut half, &mut waves[i * s..], per_mode);
             }
             let mut modes = vec![0.0; face.len()];
@@ -100,25 +123,40 @@ impl RestLayer {
         });
     }
 
-    /// Some rows of x modes of component `c`, `stride` apart, back to points.
+    /// Some rows of x modes of component `c`, `stride` apart, back to folded points.
     fn along_x(&self, c: usize, from: &[f32], rows: usize, to: &mut [f32], stride: usize) {
-        let x = (self.x.forward[partners(c)[0]].as_slice(), self.x.stride);
-        let n = self.x.n;
-        Product { a: (from, stride), b: x, rows, inner: n, columns: n }.to(to, stride);
+        let odd = partners(c)[0];
+        for Kind { waves, points } in self.x.kinds(odd) {
+            let x = (&self.x.forward[odd][waves.start * self.x.table_stride..], self.x.table_stride);
+            Product {
+                a: (&from[waves.start..], stride),
+                b: x,
+                rows,
+                inner: waves.len(),
+                columns: points.len(),
+            }
+            .to(&mut to[points.start..], stride);
+        }
     }
 
-    /// Rows of y modes of component `c`, `from.1` apart, back to a plane of control values.
-    fn along_y(&self, c: usize, from: (&[f32], usize), plane: &mut [f32]) {
-        let y = (self.y.back[partners(c)[1]].as_slice(), self.y.stride);
-        let n = self.x.n;
-        Product { a: y, b: from, rows: self.y.n, inner: self.y.n, columns: n }.to(plane, n);
+    /// Rows of y modes of component `c`, `stride` apart, of folded points along x back to a plane of control values.
+    fn along_y(&self, c: usize, from: &[f32], stride: usize, plane: &mut [f32]) {
+        let (odd, n) = (partners(c)[1], self.x.n);
+        let mut folded = vec![0.0; plane.len()];
+        for Kind { waves, points } in self.y.kinds(odd) {
+            let y = (&self.y.back[odd][points.start * self.y.table_stride..], self.y.table_stride);
+            let modes = (&from[waves.start * stride..], stride);
+            Product { a: y, b: modes, rows: points.len(), inner: waves.len(), columns: n }
+                .to(&mut folded[points.start * n..], n);
+        }
+        self.points().unfold(&folded, plane);
     }
 
     /// The face, three planes of control values, if no load is added.
     pub fn face(&self, passage: &Passage, face: &mut [f32]) {
         let s = self.x.stride;
         face.par_chunks_mut(self.plane()).enumerate().for_each(|(c, plane)| {
-            self.along_y(c, (&passage.face[c * s..], 3 * s), plane);
+            self.along_y(c, &passage.face[c * s..], 3 * s, plane);
         });
     }
 
@@ -127,13 +165,19 @@ impl RestLayer {
     pub fn leave(&self, passage: &mut Passage, load: Option<&[f32]>, z: &mut [f32]) {
         let (n, s, rows) = (self.plane(), self.x.stride, self.rows());
         let per_mode = rows * s;
-        passage.waves.par_chunks_mut(TILE_ROWS * per_mode).enumerate().for_each(|(tile, waves)| {
+        let Passage { folded, waves, .. } = passage;
+        if let Some(load) = load {
+            for (plane, folded) in load.chunks_exact(n).zip(folded.chunks_exact_mut(n)) {
+                self.points().fold(plane, folded);
+            }
+        }
+        waves.par_chunks_mut(TILE_ROWS * per_mode).enumerate().for_each(|(tile, waves)| {
             let first = tile * TILE_ROWS;
             let count = waves.len() / per_mode;
             let mut loads = vec![0.0; count * 3 * s];
-            if let Some(load) = load {
+            if load.is_some() {
                 let mut half = vec![0.0; count * s];
-                for (c, plane) in load.chunks(n).enumerate() {
+                for (c, plane) in folded.chunks_exact(n).take(3).enumerate() {
                     self.to_waves(c, first, plane, &mut half, &mut loads[c * s..], 3 * s);
                 }
             }
@@ -150,19 +194,22 @@ impl RestLayer {
             if k == 0 {
                 out.fill(0.0);
             } else {
-                self.along_y(c, (&passage.waves[(3 * (k - 1) + c) * s..], per_mode), out);
+                self.along_y(c, &waves[(3 * (k - 1) + c) * s..], per_mode, out);
             }
         });
     }
 
-    /// Response of the face, `[component][y mode][x mode]`, to a unit load of component `c` in every mode.
+    /// Response of the face, `[component][half waves along y - 1][half waves along x - 1]`, to a unit load of component `c` in
+    /// every mode.
     pub fn face_modes(&self, c: usize) -> [Vec<f32>; 3] {
-        let s = self.x.stride;
-        let mut out = [Vec::new(), Vec::new(), Vec::new()];
-        for my in 0..self.y.n {
-            let face = self.modes.face_response(my, c);
+        let (s, n) = (self.x.stride, self.x.n);
+        let mut out = [0; 3].map(|_| vec![0.0; self.plane()]);
+        for (place, wave_y) in self.y.numbers.iter().enumerate() {
+            let face = self.modes.face_response(place, c);
             for (out, row) in out.iter_mut().zip(face.chunks(s)) {
-                out.extend_from_slice(&row[..self.x.n]);
+                for (wave_x, response) in self.x.numbers.iter().zip(row) {
+                    out[(wave_y - 1) * n + wave_x - 1] = *response;
+                }
             }
         }
         out

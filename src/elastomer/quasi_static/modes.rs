@@ -15,6 +15,8 @@ use std::f64::consts::PI;
 const BAND: usize = 8;
 /// Most unknowns of a mode's system.
 const MOST_ROWS: usize = 192;
+/// As many as that of a pad whose cells grow away from the face.
+const USUAL_ROWS: usize = 24;
 
 /// Fourier symbols of one axis at one wave number: mass, stiffness, test slope against trial value.
 #[derive(Clone, Copy)]
@@ -117,10 +119,10 @@ impl Modes {
 }
 
 /// Symbols of the sines of a mode along one axis, and of their partners.
-fn axis_symbols(waves: &Waves, basis: &CellBasis, h: f64, m: usize) -> [[Symbol; 2]; 2] {
-    let theta = PI * (m + 1) as f64 / waves.n as f64;
-    let even = symbols(basis, h, theta);
-    let odd = if m + 1 == waves.n { symbols(basis, h, 0.0) } else { even };
+fn axis_symbols(waves: &Waves, basis: &CellBasis, h: f64, place: usize) -> [[Symbol; 2]; 2] {
+    let number = waves.numbers[place];
+    let even = symbols(basis, h, PI * number as f64 / waves.n as f64);
+    let odd = if number == waves.n { symbols(basis, h, 0.0) } else { even };
     [even, odd]
 }
 
@@ -251,9 +253,21 @@ impl Kernel for Up<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
+        // Room for all rows that a pad may have is more memory to clear than most pads' sweeps touch.
+        if self.of.rows <= USUAL_ROWS {
+            self.sweep::<L, { USUAL_ROWS + BAND }>();
+        } else {
+            self.sweep::<L, { MOST_ROWS + BAND }>();
+        }
+    }
+}
+
+impl Up<'_> {
+    /// With room for ROOM rows, of which eight zero ones in front spare the band its case at the base.
+    #[inline(always)]
+    fn sweep<L: Lanes, const ROOM: usize>(self) {
         let (n, s) = (self.of.rows, self.of.stride);
-        // Eight zero rows in front spare the band its case at the base.
-        let mut x = [L::splat(0.0); MOST_ROWS + BAND];
+        let mut x = [L::splat(0.0); ROOM];
         for at in (0..self.of.count).step_by(L::COUNT) {
             let f = self.of.factors(at);
             for i in 0..n {

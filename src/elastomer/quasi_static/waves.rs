@@ -4,53 +4,95 @@
 
 use super::lanes::{Isa, Kernel, Lanes, WIDTH, best_isa, dispatch_on};
 use std::f64::consts::PI;
+use std::ops::Range;
 
-/// Orthonormal sines on n points, half a step from the ends of the period, and the cosines that are their partners, with
-/// padded rows.
+/// Orthonormal sines on n points, half a step from the ends of the period, and the cosines that are their partners.
+///
+/// Every wave is the same on both sides of the middle, but for its sign perhaps. So points are [folded](super::mirror): sums of two that
+/// mirror each other, then differences, and a wave needs those of its kind alone, half of them.
 #[derive(Debug)]
 pub struct Waves {
-    /// Points, and wave numbers.
+    /// Points, and waves.
     pub n: usize,
-    /// Length of a padded row.
+    /// Length of a padded row of waves, or of folded points.
     pub stride: usize,
-    /// `forward[partner]`: mode rows over point columns.
+    /// Half waves along the axis, place by place: even numbers first, then odd ones.
+    pub numbers: Vec<usize>,
+    /// From row to row of the tables.
+    pub table_stride: usize,
+    /// `forward[partner]`: rows of waves over the folded points of their kind.
     pub forward: [Vec<f32>; 2],
-    /// `back[partner]`: point rows over mode columns.
+    /// `back[partner]`: rows of folded points over the waves of their kind.
     pub back: [Vec<f32>; 2],
+}
+
+/// The waves of one kind, alike or opposite on both sides of the middle, and the folded points that they live on.
+#[derive(Debug, Clone)]
+pub struct Kind {
+    /// Their places.
+    pub waves: Range<usize>,
+    /// Sums of points, or differences.
+    pub points: Range<usize>,
 }
 
 impl Waves {
     /// The tables for `n` points.
     pub fn new(n: usize) -> Self {
-        let stride = n.div_ceil(WIDTH) * WIDTH;
-        let wave = |m: usize, i: usize, odd: bool| {
-            let angle = PI * (m + 1) as f64 * (i as f64 + 0.5) / n as f64;
-            let norm = (2.0 / n as f64).sqrt();
-            match (m + 1 == n, odd) {
-                (false, false) => norm * angle.sin(),
-                (false, true) => -norm * angle.cos(),
-                (true, false) => angle.sin() / (n as f64).sqrt(),
-                // Its partner would be zero everywhere: the constant takes its place.
-                (true, true) => -1.0 / (n as f64).sqrt(),
-            }
+        let mut waves = Self {
+            n,
+            stride: n.next_multiple_of(WIDTH),
+            numbers: numbers(n),
+            table_stride: n.div_ceil(2).next_multiple_of(WIDTH),
+            forward: [Vec::new(), Vec::new()],
+            back: [Vec::new(), Vec::new()],
         };
-        let table = |odd: bool, transposed: bool| {
-            let mut t = vec![0.0; n * stride];
-            for m in 0..n {
-                for i in 0..n {
-                    let at = if transposed { i * stride + m } else { m * stride + i };
-                    t[at] = wave(m, i, odd) as f32;
+        for partner in 0..2 {
+            let mut forward = vec![0.0; n * waves.table_stride];
+            let mut back = forward.clone();
+            for kind in waves.kinds(partner) {
+                for (m, place) in kind.waves.clone().enumerate() {
+                    for (i, point) in kind.points.clone().enumerate() {
+                        let value = waves.wave(waves.numbers[place], i, partner == 1) as f32;
+                        forward[place * waves.table_stride + i] = value;
+                        back[point * waves.table_stride + m] = value;
+                    }
                 }
             }
-            t
-        };
-        Self {
-            n,
-            stride,
-            forward: [table(false, false), table(true, false)],
-            back: [table(false, true), table(true, true)],
+            (waves.forward[partner], waves.back[partner]) = (forward, back);
+        }
+        waves
+    }
+
+    /// The wave of `number` half waves, or its partner, at point i.
+    fn wave(&self, number: usize, i: usize, partner: bool) -> f64 {
+        let n = self.n as f64;
+        let angle = PI * number as f64 * (i as f64 + 0.5) / n;
+        let norm = (2.0 / n).sqrt();
+        match (number == self.n, partner) {
+            (false, false) => norm * angle.sin(),
+            (false, true) => -norm * angle.cos(),
+            (true, false) => angle.sin() / n.sqrt(),
+            // Its partner would be zero everywhere: the constant takes its place.
+            (true, true) => -1.0 / n.sqrt(),
         }
     }
+
+    /// Sines of an even number are opposite on both sides of the middle, their partners alike. The constant is alike and belongs to the
+    /// last of the even numbers, or stands between both.
+    pub fn kinds(&self, partner: usize) -> [Kind; 2] {
+        let (n, sums) = (self.n, self.n.div_ceil(2));
+        match partner {
+            0 => [Kind { waves: 0..n / 2, points: sums..n }, Kind { waves: n / 2..n, points: 0..sums }],
+            _ => [Kind { waves: 0..sums, points: 0..sums }, Kind { waves: sums..n, points: sums..n }],
+        }
+    }
+}
+
+/// Of n points: even numbers of half waves, then odd ones, of which n is the first.
+fn numbers(n: usize) -> Vec<usize> {
+    let even = (2..=n).step_by(2);
+    let odd = (1..n).step_by(2);
+    even.chain((n % 2 == 1).then_some(n)).chain(odd).collect()
 }
 
 /// A dense product: `rows` rows of `a`, `inner` long, times `inner` rows of `b`, `columns` long.
@@ -68,8 +110,7 @@ pub struct Product<'a> {
 }
 
 impl Product<'_> {
-    /// Writes the result to rows that are `stride` apart, which is at least a row's columns. Up to fifteen numbers after the
-    /// columns of a row may be overwritten.
+    /// Writes the result to rows that are `stride` apart.
     pub fn to(self, out: &mut [f32], stride: usize) {
         self.multiply_on(best_isa(), out, stride);
     }
@@ -109,33 +150,32 @@ impl Multiply<'_> {
         }
         for (r, sum) in sums.iter().enumerate() {
             let to = &mut self.out[(row + r) * self.stride + column..];
-            if to.len() >= C * L::COUNT {
+            if column + C * L::COUNT <= columns {
                 for c in 0..C {
                     sum[c].store(&mut to[c * L::COUNT..]);
                 }
             } else {
-                let mut whole = [[0.0; WIDTH]; C];
-                for c in 0..C {
-                    sum[c].store(&mut whole.as_flattened_mut()[c * L::COUNT..]);
-                }
-                let n = to.len().min(columns - column);
-                to[..n].copy_from_slice(&whole.as_flattened()[..n]);
+                to[..columns - column].copy_from_slice(&sum[0].to_array()[..columns - column]);
             }
         }
     }
 
-    /// R rows, from the last columns to the first: what is written beyond a row is so before the next row's own.
+    /// R rows. The last registers reach back over columns that are there already, rather than beyond the row; one is
+    /// stored in part where a row has no room for it.
     #[inline(always)]
     fn columns<L: Lanes, const R: usize>(&mut self, row: usize) {
-        let mut left = self.of.columns.div_ceil(L::COUNT);
-        while left > 0 {
-            let tile = if left >= L::ABREAST { L::ABREAST } else { left.min(2) };
-            left -= tile;
+        let columns = self.of.columns;
+        let mut column = 0;
+        while column < columns {
+            let most = (columns - column).div_ceil(L::COUNT).min((columns / L::COUNT).max(1));
+            let tile = if most >= L::ABREAST { L::ABREAST } else { most.min(2) };
+            let from = column.min(columns.saturating_sub(tile * L::COUNT));
             match tile {
-                1 => self.tile::<L, R, 1>(row, left * L::COUNT),
-                2 => self.tile::<L, R, 2>(row, left * L::COUNT),
-                _ => self.tile::<L, R, 4>(row, left * L::COUNT),
+                1 => self.tile::<L, R, 1>(row, from),
+                2 => self.tile::<L, R, 2>(row, from),
+                _ => self.tile::<L, R, 4>(row, from),
             }
+            column += tile * L::COUNT;
         }
     }
 }
@@ -169,9 +209,12 @@ impl Kernel for Multiply<'_> {
             self.columns::<L, TILE_ROWS>(row);
             row += TILE_ROWS;
         }
-        while row < self.of.rows {
-            self.columns::<L, 1>(row);
-            row += 1;
+        match self.of.rows - row {
+            0 => {}
+            1 => self.columns::<L, 1>(row),
+            2 => self.columns::<L, 2>(row),
+            3 => self.columns::<L, 3>(row),
+            _ => self.columns::<L, 4>(row),
         }
     }
 }
@@ -182,6 +225,7 @@ pub const TILE_ROWS: usize = 5;
 #[cfg(test)]
 mod tests {
     use super::super::lanes::of_this_machine;
+    use super::super::mirror::Plane;
     use super::*;
 
     #[test]
@@ -206,15 +250,35 @@ mod tests {
     }
 
     #[test]
-    fn going_to_waves_and_back_changes_nothing() {
+    fn waves_are_orthonormal_and_each_lives_on_half_of_the_folded_points() {
         for n in [18, 34, 51] {
             let waves = Waves::new(n);
+            let mut numbers = waves.numbers.clone();
+            numbers.sort_unstable();
+            assert!(numbers.into_iter().eq(1..=n));
             for partner in 0..2 {
                 let x: Vec<f32> = (0..n).map(|i| ((i * 7) % 5) as f32 - 2.0).collect();
-                let (mut there, mut back) = (vec![0.0; n], vec![0.0; n]);
-                let column = |x| Product { a: x, b: (&[], 0), rows: n, inner: n, columns: 1 };
-                Product { b: (&x, 1), ..column((&waves.forward[partner], waves.stride)) }.to(&mut there, 1);
-                Product { b: (&there, 1), ..column((&waves.back[partner], waves.stride)) }.to(&mut back, 1);
+                let (mut folded, mut there) = (vec![0.0; n], vec![0.0; n]);
+                let (mut folded_back, mut back) = (vec![0.0; n], vec![0.0; n]);
+                Plane([n, 1]).fold(&x, &mut folded);
+                for Kind { waves: of, points } in waves.kinds(partner) {
+                    let s = waves.table_stride;
+                    let column = |x, rows, inner| Product { a: (x, s), b: (&[], 0), rows, inner, columns: 1 };
+                    let forward = column(&waves.forward[partner][of.start * s..], of.len(), points.len());
+                    Product { b: (&folded[points.clone()], 1), ..forward }.to(&mut there[of.clone()], 1);
+                    let product = column(&waves.back[partner][points.start * s..], points.len(), of.len());
+                    Product { b: (&there[of], 1), ..product }.to(&mut folded_back[points], 1);
+                }
+                for (place, got) in there.iter().enumerate() {
+                    let truth: f64 = (0..n)
+                        .map(|i| f64::from(x[i]) * waves.wave(waves.numbers[place], i, partner == 1))
+                        .sum();
+                    assert!(
+                        (f64::from(*got) - truth).abs() < 1e-5,
+                        "{n} {partner} {place}: {got} of {truth}"
+                    );
+                }
+                Plane([n, 1]).unfold(&folded_back, &mut back);
                 let off = x.iter().zip(&back).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
                 assert!(off < 1e-5, "{n} {partner}: {off}");
             }
