@@ -1,7 +1,7 @@
 //! What a simulation hands over at a capture.
 
 use super::Error;
-use glam::Vec3;
+use glam::{DVec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 /// Displaced positions of a lattice of material points on the contact face.
@@ -43,6 +43,33 @@ impl Surface {
     pub fn rest_xy(&self, i: usize, j: usize) -> [f64; 2] {
         let along = |n: usize, size: f64, k: usize| -size / 2.0 + size * k as f64 / (n - 1) as f64;
         [along(self.nx, self.size_x_mm, i), along(self.ny, self.size_y_mm, j)]
+    }
+
+    /// What part of the face the marked points stand for, as it is seen along z, mm^2.
+    pub fn seen_mm2(&self, marked: &[bool]) -> f64 {
+        self.part_mm2(marked, |i, j| self.positions[j * self.nx + i].truncate().as_dvec2())
+    }
+
+    /// The same of the undeformed face, mm^2.
+    pub fn seen_at_rest_mm2(&self, marked: &[bool]) -> f64 {
+        self.part_mm2(marked, |i, j| self.rest_xy(i, j).into())
+    }
+
+    /// Every corner of a quadrilateral stands for a quarter of it.
+    fn part_mm2(&self, marked: &[bool], at: impl Fn(usize, usize) -> DVec2) -> f64 {
+        let marks = |i: usize, j: usize| u8::from(marked[j * self.nx + i]);
+        let mut sum = 0.0;
+        for j in 1..self.ny {
+            for i in 1..self.nx {
+                let corners = marks(i - 1, j - 1) + marks(i, j - 1) + marks(i - 1, j) + marks(i, j);
+                if corners > 0 {
+                    let diagonals = [at(i, j) - at(i - 1, j - 1), at(i - 1, j) - at(i, j - 1)];
+                    // What has folded over is not seen.
+                    sum += 0.25 * f64::from(corners) * (0.5 * diagonals[0].perp_dot(diagonals[1])).max(0.0);
+                }
+            }
+        }
+        sum
     }
 }
 
@@ -89,7 +116,7 @@ pub struct SolverStats {
     pub elastic_energy_n_mm: f64,
     /// Force of the base on the pad along z, N.
     pub base_reaction_n: f64,
-    /// Area in contact, mm^2.
+    /// Area in contact as it is seen along z, mm^2.
     pub contact_area_mm2: f64,
     /// With infinite friction in the quasi-static mode, how much of its grip the contact is sure to have kept: 1 up to a way along the
     /// face of twice the depth; further on that over the way, since points peel off and take hold again as rounding decides; 0 once it
@@ -108,4 +135,33 @@ pub struct ElastomerCapture {
     pub forces: ContactForces,
     /// The solver's account.
     pub stats: SolverStats,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_area_seen_follows_the_face_and_leaves_out_what_has_folded_over() {
+        let face = |x: fn(f64) -> f64| {
+            let mut face =
+                Surface { nx: 21, ny: 11, size_x_mm: 20.0, size_y_mm: 10.0, positions: Vec::new() };
+            face.positions = (0..21 * 11)
+                .map(|k| {
+                    let [at_x, at_y] = face.rest_xy(k % 21, k / 21);
+                    Vec3::new(x(at_x) as f32, at_y as f32, 3.0)
+                })
+                .collect();
+            face
+        };
+        let (all, middle): (Vec<bool>, Vec<bool>) = (0..21 * 11).map(|k| (true, k % 21 == 10)).unzip();
+        let near = |got: f64, truth: f64| assert!((got - truth).abs() < 1e-4, "{got}, {truth}");
+        let stretched = face(|x| 1.5 * x);
+        near(stretched.seen_mm2(&all), 300.0);
+        near(stretched.seen_at_rest_mm2(&all), 200.0);
+        near(stretched.seen_mm2(&middle), 15.0);
+        near(stretched.seen_at_rest_mm2(&middle), 10.0);
+        // From 5 mm on it goes back.
+        near(face(|x| x - 2.0 * (x - 5.0).max(0.0)).seen_mm2(&all), 150.0);
+    }
 }

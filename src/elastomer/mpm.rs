@@ -393,9 +393,7 @@ impl Elastomer for ExplicitSolver {
         self.check_state(distance_mm.iter().copied().fold(f64::INFINITY, f64::min))?;
         let scheme = &self.body.scheme;
         let contact: Vec<bool> = distance_mm.iter().map(|d| *d <= scheme.dx_mm).collect();
-        let (size_x, size_y) = (scheme.size_mm[0], scheme.size_mm[1]);
-        let cell_mm2 = size_x / (nx - 1) as f64 * size_y / (ny - 1) as f64;
-        let contact_area_mm2 = contact.iter().filter(|c| **c).count() as f64 * cell_mm2;
+        let contact_area_mm2 = surface.seen_mm2(&contact);
         let (kinetic, elastic) = self.energies_n_mm();
         let forces = ContactForces {
             normal_force_n: -self.mean_force(|f| f.on_pad[2]),

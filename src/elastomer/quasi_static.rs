@@ -53,7 +53,7 @@ mod transforms;
 pub mod waves;
 
 use super::interrupt::Interrupt;
-use super::{Elastomer, ElastomerCapture, Error, Pad, PadShape, Settings};
+use super::{Elastomer, ElastomerCapture, Error, Pad, Settings};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use crate::wakeful::wakeful;
@@ -247,8 +247,6 @@ impl QuasiStaticSolver {
             grip: grip.as_ref(),
         };
         let shape = self.pad.shape;
-        let pressed = |contact: &[bool]| contact.iter().filter(|c| **c).count() as f64;
-        let before = pressed(&capture.contact);
         let relief = splined.relieve(&mut capture.surface, &mut capture.contact, |x, y| {
             shape.face_height_mm([size[0], size[1]], [x, y])
         });
@@ -270,17 +268,9 @@ impl QuasiStaticSolver {
                 capture.stats.estimated_error = Some(stated - trust * (stated - in_relief).max(0.0));
             }
         }
-        if relieved && shape == PadShape::Cuboid {
+        if relieved {
             // Counted where it is seen: the splines' patch is 3 % too wide or too narrow where it is four cells across.
-            let (columns, rows) = (capture.surface.nx, capture.surface.ny);
-            let [width, height] = [size[0] / (columns - 1) as f64, size[1] / (rows - 1) as f64];
-            // Points at the sides of the pad stand for half as much of it.
-            let part = |at: usize, n: usize| if at == 0 || at == n - 1 { 0.5 } else { 1.0 };
-            let parts = capture.contact.iter().enumerate().filter(|(_, pressed)| **pressed);
-            let points: f64 = parts.map(|(k, _)| part(k % columns, columns) * part(k / columns, rows)).sum();
-            capture.stats.contact_area_mm2 = points * width * height;
-        } else {
-            capture.stats.contact_area_mm2 *= pressed(&capture.contact) / before.max(1.0);
+            capture.stats.contact_area_mm2 = capture.surface.seen_mm2(&capture.contact);
         }
         let picked = |k: usize| my * (k / nx) * (mx * (nx - 1) + 1) + mx * (k % nx);
         capture.surface.positions = (0..nx * ny).map(|k| capture.surface.positions[picked(k)]).collect();

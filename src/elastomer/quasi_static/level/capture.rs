@@ -64,6 +64,9 @@ impl Level {
                 }
             },
         );
+        let surface = Surface { nx, ny, size_x_mm: grid.size[0], size_y_mm: grid.size[1], positions };
+        let seen_at_rest_mm2 = surface.seen_at_rest_mm2(&contact);
+        let seen = if seen_at_rest_mm2 > 0.0 { surface.seen_mm2(&contact) / seen_at_rest_mm2 } else { 1.0 };
         let (force, torque) = self.at.contacts.resultant(&self.at.pose);
         let stats = SolverStats {
             iterations: self.newton.iterations,
@@ -75,11 +78,11 @@ impl Level {
             estimated_error: self.estimated_error(indenter),
             elastic_energy_n_mm: self.at.outcome.map_or(0.0, |o| o.evaluation.energy),
             base_reaction_n: self.at.outcome.map_or(0.0, |o| o.base_force),
-            contact_area_mm2: patch.area_mm2(),
+            contact_area_mm2: seen * patch.area_mm2(),
             held: self.at.contacts.sticks().then(|| self.held(indenter)),
         };
         Ok(ElastomerCapture {
-            surface: Surface { nx, ny, size_x_mm: grid.size[0], size_y_mm: grid.size[1], positions },
+            surface,
             contact,
             forces: ContactForces {
                 normal_force_n: -force.z,
