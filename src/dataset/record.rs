@@ -102,7 +102,7 @@ pub struct SimRecord {
     pub shear_force_n: [f64; 2],
     /// Torque about the indenter's axis, N mm.
     pub torque_n_mm: f64,
-    /// Area in contact, mm^2.
+    /// Area in contact as it is seen along z, mm^2.
     pub contact_area_mm2: f64,
     /// How much of its grip a contact with infinite friction is sure to have kept (1 up to a way of twice the depth, 0 once it has torn
     /// loose); absent otherwise.

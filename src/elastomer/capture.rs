@@ -64,7 +64,7 @@ impl Surface {
                 let corners = marks(i - 1, j - 1) + marks(i, j - 1) + marks(i - 1, j) + marks(i, j);
                 if corners > 0 {
                     let diagonals = [at(i, j) - at(i - 1, j - 1), at(i - 1, j) - at(i, j - 1)];
-                    // What has folded over is not seen.
+                    // What faces backwards is left out.
                     sum += 0.25 * f64::from(corners) * (0.5 * diagonals[0].perp_dot(diagonals[1])).max(0.0);
                 }
             }
@@ -142,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_area_seen_follows_the_face_and_leaves_out_what_has_folded_over() {
+    fn the_area_seen_follows_the_face_and_leaves_out_what_faces_backwards() {
         let face = |x: fn(f64) -> f64| {
             let mut face =
                 Surface { nx: 21, ny: 11, size_x_mm: 20.0, size_y_mm: 10.0, positions: Vec::new() };

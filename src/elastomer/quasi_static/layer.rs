@@ -30,7 +30,7 @@ pub struct RestLayer {
 /// A field on its way through the inverse.
 #[derive(Debug, Default)]
 pub struct Passage {
-    /// Planes of what comes in, folded along both axes ([`super::mirror`]): `[component][layer without the base][y][x]`.
+    /// Planes of what comes in, and then of the load on the face, folded along both axes ([`super::mirror`]): `[component][layer without the base][y][x]`.
     folded: Vec<f32>,
     /// `[y mode][layer without the base][component][padded x mode]`.
     waves: Vec<f32>,

@@ -16,8 +16,8 @@ impl Plane {
         self.fold_on(best_isa(), points, folded);
     }
 
-    /// The plane of a folded one whose halves the waves have been through: the sum of both on one side, their difference on
-    /// the other.
+    /// The transpose of [`Self::fold`]: of two points that mirror each other the first is the sum of the two numbers that stand for them,
+    /// the second their difference.
     pub fn unfold(self, folded: &[f32], points: &mut [f32]) {
         self.unfold_on(best_isa(), folded, points);
     }

@@ -138,8 +138,12 @@ fn a_frictionless_sphere_agrees_with_finite_elements() {
     s.advance(&Pose::new(0.0, 0.0, -0.25, 0.0)).expect("an easy press");
     let capture = s.capture(201, 201).expect("a lattice");
     let forces = capture.forces;
-    let radius = (capture.stats.contact_area_mm2 / std::f64::consts::PI).sqrt();
-    assert!((radius - 1.094).abs() < 0.02 * 1.094, "{radius}");
+    // Counted in relief, and where the lattice is too coarse for that.
+    let coarse = s.capture(31, 31).expect("a lattice");
+    for area_mm2 in [capture.stats.contact_area_mm2, coarse.stats.contact_area_mm2] {
+        let radius = (area_mm2 / std::f64::consts::PI).sqrt();
+        assert!((radius - 1.094).abs() < 0.02 * 1.094, "{radius}");
+    }
     let marked = capture.contact.iter().filter(|c| **c).count() as f64 * 0.01;
     assert!((marked - capture.stats.contact_area_mm2).abs() < 0.05 * marked, "{marked} mm2");
     assert!((forces.normal_force_n - 0.0794).abs() < 0.01 * 0.0794, "{forces:?}");

@@ -214,7 +214,8 @@ impl Kernel for Multiply<'_> {
             1 => self.columns::<L, 1>(row),
             2 => self.columns::<L, 2>(row),
             3 => self.columns::<L, 3>(row),
-            _ => self.columns::<L, 4>(row),
+            4 => self.columns::<L, 4>(row),
+            more => unreachable!("{more} rows are left beside tiles of {TILE_ROWS}"),
         }
     }
 }
@@ -230,7 +231,9 @@ mod tests {
 
     #[test]
     fn a_product_is_the_sum_of_products_whatever_its_sides() {
-        for (rows, inner, columns) in [(1, 1, 1), (7, 3, 18), (5, 34, 34), (11, 50, 50), (6, 8, 100)] {
+        for (rows, inner, columns) in
+            [(1, 1, 1), (7, 3, 18), (8, 2, 13), (9, 5, 5), (5, 34, 34), (11, 50, 50), (6, 8, 100)]
+        {
             let number = |n: usize, of: usize| ((n * 37 + of) % 11) as f32 - 5.0;
             let (a_stride, b_stride, stride) = (inner + 3, columns, columns + 1);
             let a: Vec<f32> = (0..rows * a_stride).map(|n| number(n, 1)).collect();
@@ -244,6 +247,7 @@ mod tests {
                         let sum: f32 = (0..inner).map(|i| a[r * a_stride + i] * b[i * b_stride + c]).sum();
                         assert_eq!(out[r * stride + c], sum, "{isa:?}, {rows} {inner} {columns}: {r} {c}");
                     }
+                    assert!(out[r * stride + columns].is_nan(), "{isa:?}, {rows} {inner} {columns}: {r}");
                 }
             }
         }

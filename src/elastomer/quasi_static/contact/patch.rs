@@ -7,8 +7,7 @@ impl Contacts {
     /// The pressed part of the face.
     pub fn patch(&self) -> Patch {
         let loaded = self.samples.iter().filter(|s| s.pressure > 0.0);
-        let (sum, loaded_area, n) =
-            loaded.fold((0.0, 0.0, 0), |(sum, area, n), s| (sum + s.pressure, area + s.area, n + 1));
+        let (sum, n) = loaded.fold((0.0, 0), |(sum, n), s| (sum + s.pressure, n + 1));
         let mean = sum / f64::from(n.max(1));
         let [nx, ny] = self.lattice.points();
         let mut sign = vec![-OUTSIDE; nx * ny];
@@ -16,8 +15,7 @@ impl Contacts {
             let [i, j] = self.lattice.place(s.cell, s.sub);
             sign[j * nx + i] = ((s.multiplier - self.stiffness * s.gap) / mean).clamp(-OUTSIDE, 1.0);
         }
-        let mean_area = loaded_area / f64::from(n.max(1));
-        Patch { sign: Field::new([nx, ny], sign, |sign| sign > 0.0), area_mm2: mean_area }
+        Patch { sign: Field::new([nx, ny], sign, |sign| sign > 0.0), area_mm2: self.lattice.area_mm2 }
     }
 }
 
@@ -50,7 +48,7 @@ impl Loads {
 pub struct Patch {
     /// Positive where the face is pressed; at most 1 in size.
     sign: Field,
-    /// Mean area of a pressed sample, mm^2.
+    /// Area of a sample on the flat, mm^2.
     area_mm2: f64,
 }
 
@@ -60,7 +58,7 @@ impl Patch {
         self.sign.at([x, y]).is_some_and(|sign| sign > 0.0)
     }
 
-    /// Its area at rest, mm^2.
+    /// Its area at rest as it is seen along z, mm^2.
     pub fn area_mm2(&self) -> f64 {
         let [nx, ny] = self.sign.size.map(|n| FINER * n);
         let middle = |i: usize, n: usize| (i as f64 + 0.5) / n as f64;

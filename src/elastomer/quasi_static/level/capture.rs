@@ -65,6 +65,8 @@ impl Level {
             },
         );
         let surface = Surface { nx, ny, size_x_mm: grid.size[0], size_y_mm: grid.size[1], positions };
+        // The patch is known more finely than the lattice shows it: that tells how the face has stretched, or nothing where no point
+        // of it is pressed.
         let seen_at_rest_mm2 = surface.seen_at_rest_mm2(&contact);
         let seen = if seen_at_rest_mm2 > 0.0 { surface.seen_mm2(&contact) / seen_at_rest_mm2 } else { 1.0 };
         let (force, torque) = self.at.contacts.resultant(&self.at.pose);
