@@ -75,6 +75,23 @@ fn a_turn_in_full_slip_has_the_torque_of_a_hertzian_contact() {
 }
 
 #[test]
+fn what_spreads_and_sticks_presses_as_hard_in_one_way_as_in_ten() {
+    let force_n = |ways: i32| {
+        let settings = Settings { tolerance: 0.02, ..settings(Friction::Infinite) };
+        let start = Pose::new(0.0, 0.0, 0.1, 0.0);
+        let cap = Arc::new(Sphere(20.0));
+        let mut s = QuasiStaticSolver::new(&pad(Law::FixedCorotated), &settings, cap, &start)
+            .expect("settings are in range");
+        for n in 1..=ways {
+            s.advance(&Pose::new(0.0, 0.0, -f64::from(n) / f64::from(ways), 0.0)).expect("an easy press");
+        }
+        s.capture(2, 2).expect("a lattice").forces.normal_force_n
+    };
+    let (one, ten) = (force_n(1), force_n(10));
+    assert!((one / ten - 1.0).abs() < 0.005, "{one} N and {ten} N");
+}
+
+#[test]
 fn a_drag_is_as_hard_in_long_increments_as_in_short_ones() {
     let drag = |waypoints: u32| {
         let sphere = Arc::new(Sphere(RADIUS_MM));
