@@ -27,7 +27,7 @@ pub struct Waves {
 }
 
 /// The waves of one kind, alike or opposite on both sides of the middle, and the folded points that they live on.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Kind {
     /// Their places.
     pub waves: Range<usize>,

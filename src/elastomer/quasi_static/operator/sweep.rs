@@ -45,7 +45,7 @@ pub(super) fn sweep<L: Lanes, W: CellWork<L>>(
     work: &mut W,
 ) {
     let g = &op.grid;
-    let (cx, layers, depth) = (g.cx(), g.layers(), g.hz.len());
+    let (layers, depth) = (g.layers(), g.hz.len());
     let rows = slab.1 - slab.0 + 2;
     let t = &op.tables;
     let stride = op.cell_fields() * L::COUNT;
@@ -130,7 +130,6 @@ pub(super) fn sweep<L: Lanes, W: CellWork<L>>(
             for k in depth..layers {
                 write_layer(op, &back[k % 3], out, k, (j - slab.0, rows), i0);
             }
-            let _ = cx;
         }
     }
 }
