@@ -32,6 +32,7 @@ pub mod contact;
 mod fold;
 pub mod frames;
 pub mod grid;
+mod increments;
 pub mod lanes;
 pub mod law;
 pub mod layer;
@@ -50,6 +51,7 @@ pub mod springs;
 pub mod stack;
 pub mod symmetry;
 mod transforms;
+mod underside;
 pub mod waves;
 
 use super::interrupt::Interrupt;

@@ -23,7 +23,8 @@ const QUICK_REDUCTION: f64 = 0.5;
 const SHARP_RESIDUAL: f64 = 1e-3;
 /// Difference between the base's reaction and the contact force, over that force, with which an increment may end.
 const LARGEST_IMBALANCE: f64 = 1e-3;
-/// Part of the depth by which the sides of a press that are each other's image may differ before it is solved to less residual: where
+/// Part of the depth by which the sides of a press that are each other's image may differ before it is solved to less residual, and in
+/// the end is none: where
 /// the pad is nearly unstable what the stopping leaves grows to one side, and what is then no equilibrium is none. Found by
 /// experiment: under a sharp square with a cavity, 2.4 mm deep in a pad of 4 mm, sides differed by 0.03 to 0.08 mm beside the contact's
 /// edge, as rounding went; with a hundredth of the residual by 0.01 mm, or no equilibrium is found.
@@ -153,9 +154,13 @@ impl Level {
             let settled =
                 updated.events == 0 && updated.violation_mm < allowed_mm && state.relative <= residual;
             if settled {
-                let to_the_end = self.guesses || residual < LEAST_RESIDUAL;
-                if to_the_end || (self.is_balanced(problem, &state) && !self.is_askew(problem, depth_mm)) {
+                let to_the_end = residual < LEAST_RESIDUAL;
+                let balanced = to_the_end || self.is_balanced(problem, &state);
+                if self.guesses || (balanced && !self.is_askew(problem, depth_mm)) {
                     return Ok(outcome);
+                }
+                if to_the_end {
+                    return Err(outcome);
                 }
                 // What is left is small at each point and all of one sign, or to one side.
                 residual *= 0.3;
@@ -177,7 +182,11 @@ impl Level {
                 );
                 outcome.iterations += spent;
                 let near = updated.violation_mm < 10.0 * allowed_mm && outcome.residual <= ROUGH_RESIDUAL;
-                return if near { Ok(outcome) } else { Err(outcome) };
+                return if near && (self.guesses || !self.is_askew(problem, depth_mm)) {
+                    Ok(outcome)
+                } else {
+                    Err(outcome)
+                };
             }
         }
     }

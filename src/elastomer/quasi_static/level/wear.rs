@@ -33,6 +33,8 @@ const TEARING_INCREMENT: f64 = 0.5;
 const WEAR_ROUNDING: f64 = 1e-9;
 /// Largest turn in one increment, degrees.
 const LARGEST_TURN_DEG: f64 = 5.0;
+/// Part of an increment that rounding may add to a way of whole ones.
+const WAY_ROUNDING: f64 = 1e-9;
 
 impl Level {
     /// How many increments a way takes: a press may be long; what moves along the face with friction goes
@@ -50,7 +52,8 @@ impl Level {
         let slide = if sticks { SLIDE_OVER_CELL * self.grid().hx } else { LONGEST_SLIDE_MM };
         let friction = [self.increment_mm, part * slide.min(LONGEST_SLIDE_MM)];
         let [deep, far] = if self.at.contacts.has_friction() { friction } else { longest };
-        (down / deep).max(along / far).max(turn / (part * LARGEST_TURN_DEG)).ceil().max(1.0)
+        let increments = (down / deep).max(along / far).max(turn / (part * LARGEST_TURN_DEG));
+        (increments - WAY_ROUNDING).ceil().max(1.0)
     }
 
     /// How worn the contact is after a way to `pose`.

@@ -5,6 +5,8 @@ use super::*;
 use crate::elastomer::Surface;
 use crate::elastomer::quasi_static::contact::Contacts;
 use crate::elastomer::quasi_static::lanes::best_isa;
+use crate::indenter::spec::Shape;
+use crate::indenter::{Indenter, IndenterSpec, from_spec};
 
 const RADIUS_MM: f64 = 4.0;
 const DEPTH_MM: f64 = 0.05;
@@ -75,20 +77,35 @@ fn a_turn_in_full_slip_has_the_torque_of_a_hertzian_contact() {
 }
 
 #[test]
-fn what_spreads_and_sticks_presses_as_hard_in_one_way_as_in_ten() {
-    let force_n = |ways: i32| {
+fn what_sticks_presses_as_hard_in_one_way_as_in_twenty() {
+    let force_n = |body: &Arc<dyn Indenter>, [thickness_mm, depth_mm]: [f64; 2], ways: i32| {
         let settings = Settings { tolerance: 0.02, ..settings(Friction::Infinite) };
+        let pad = Pad { thickness_mm, ..pad(Law::FixedCorotated) };
         let start = Pose::new(0.0, 0.0, 0.1, 0.0);
-        let cap = Arc::new(Sphere(20.0));
-        let mut s = QuasiStaticSolver::new(&pad(Law::FixedCorotated), &settings, cap, &start)
-            .expect("settings are in range");
+        let mut s =
+            QuasiStaticSolver::new(&pad, &settings, body.clone(), &start).expect("settings are in range");
         for n in 1..=ways {
-            s.advance(&Pose::new(0.0, 0.0, -f64::from(n) / f64::from(ways), 0.0)).expect("an easy press");
+            let z_mm = -depth_mm * f64::from(n) / f64::from(ways);
+            s.advance(&Pose::new(0.0, 0.0, z_mm, 0.0)).expect("an easy press");
         }
         s.capture(2, 2).expect("a lattice").forces.normal_force_n
     };
-    let (one, ten) = (force_n(1), force_n(10));
-    assert!((one / ten - 1.0).abs() < 0.005, "{one} N and {ten} N");
+    let cone = IndenterSpec {
+        description: String::new(),
+        edge_round_mm: 0.3,
+        height_mm: 8.0,
+        shape: Shape::Cone { tip_diameter_mm: 1.0, half_angle_deg: 19.29 },
+    };
+    let cone = from_spec("cone", &cone, None).expect("a body");
+    // Wide, wide for a thin pad, and small with edges.
+    for (body, pad, bound) in [
+        (Arc::new(Sphere(20.0)) as Arc<dyn Indenter>, [4.0, 1.0], 0.004),
+        (Arc::new(Sphere(10.0)), [2.0, 0.5], 0.006),
+        (cone, [4.0, 1.0], 0.01),
+    ] {
+        let (one, twenty) = (force_n(&body, pad, 1), force_n(&body, pad, 20));
+        assert!((one / twenty - 1.0).abs() < bound, "{one} N and {twenty} N");
+    }
 }
 
 #[test]
