@@ -56,6 +56,9 @@ pub const REFINED: Patience = Patience { halvings: 3, passes: 1000.0, work: 2.5e
 /// Patience with a guess.
 const COARSER: Patience = Patience { halvings: 2, passes: 600.0, work: f64::INFINITY, bold: f64::INFINITY };
 
+/// Longer parts of an increment than this that leave a press askew are gone again by halves. What is so still is told in its error.
+const UNEVEN: f64 = 0.6;
+
 /// Follows a straight way with the last of `levels`, the others going ahead.
 ///
 /// # Errors
@@ -86,7 +89,8 @@ pub fn follow(
         let mut hopeless = false;
         let cautious = !lifts && (presses || next - done > patience.bold * longest);
         let spent = levels[finest].level.newton.passes - begun;
-        let leave = Leave { cautious, passes: (within_work as u64).saturating_sub(spent) };
+        let even = presses && next - done > UNEVEN * longest;
+        let leave = Leave { cautious, even, passes: (within_work as u64).saturating_sub(spent) };
         match increment(levels, indenter, &start.lerp(pose, next), leave)? {
             Ok(()) => {
                 levels[finest].level.check_margin(indenter)?;

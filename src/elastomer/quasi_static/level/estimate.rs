@@ -23,8 +23,9 @@ const PIERCED: f64 = 0.25;
 const MOST_MISSED: f64 = 0.5;
 /// What stands less far inside, cells, is brought out by the relief in any case.
 const MENDED: f64 = 0.3;
-/// Part of the face that may be turned over after a drag: more is no face that heights tell. Found by experiment: of 680 cases that of
-/// one is, a socket 1.6 mm deep that is dragged 2 mm, by a hundredth; sharp walls that plough have a thousandth.
+/// Part of the face that may be turned over after a drag or a press too deep for relief: more is no face that heights tell. Found by
+/// experiment: of 680 cases that of two is, a socket 1.6 mm deep that is dragged 2 mm, by a hundredth, and a prism that sticks, pressed
+/// through three fifths of the pad; sharp walls that plough have a thousandth.
 const MOST_FOLDED: f64 = 5e-3;
 /// Part of its energy that a face may have lost without friction, and of its normal force with which it may resist a slide. Found by
 /// experiment: sharp ridges that turn catch on what bulges between them, resist with a quarter and lose thirteen times what is
@@ -76,7 +77,8 @@ impl Level {
         if !self.straight_down() && inside.deepest_mm > (PIERCED * depth).max(mendable_mm) {
             return Some(1.0);
         }
-        if !self.straight_down() && fold::part(grid, &self.at.u) > MOST_FOLDED {
+        let by_splines = !self.straight_down() || depth > TRUSTED_DOWN_TO[1] * grid.size[2];
+        if by_splines && fold::part(grid, &self.at.u) > MOST_FOLDED {
             return Some(1.0);
         }
         let caught = self.caught();

@@ -23,12 +23,14 @@ const QUICK_REDUCTION: f64 = 0.5;
 const SHARP_RESIDUAL: f64 = 1e-3;
 /// Difference between the base's reaction and the contact force, over that force, with which an increment may end.
 const LARGEST_IMBALANCE: f64 = 1e-3;
-/// Part of the depth by which the sides of a press that are each other's image may differ before it is solved to less residual, and in
-/// the end is none: where
+/// Part of the depth by which the sides of a press that are each other's image may differ before it is solved to less residual, and
+/// in shorter increments: where
 /// the pad is nearly unstable what the stopping leaves grows to one side, and what is then no equilibrium is none. Found by
 /// experiment: under a sharp square with a cavity, 2.4 mm deep in a pad of 4 mm, sides differed by 0.03 to 0.08 mm beside the contact's
 /// edge, as rounding went; with a hundredth of the residual by 0.01 mm, or no equilibrium is found.
 const MOST_ASKEW: f64 = 0.02;
+/// Part of the depth by which they may not differ in the end: half of it is stated as an error.
+const LOPSIDED: f64 = 0.05;
 /// A residual below which single precision says no more.
 const LEAST_RESIDUAL: f64 = 1e-5;
 /// Newton iterations in an increment before it is halved.
@@ -49,6 +51,8 @@ const GUESS_NEWTON: u32 = 10;
 pub struct Leave {
     /// Whether it has to end where the pad is unstable on the way.
     pub cautious: bool,
+    /// Whether it has to end where a press has become lopsided.
+    pub even: bool,
     /// Tangent applications after which no further round is begun.
     pub passes: u64,
 }
@@ -154,13 +158,18 @@ impl Level {
             let settled =
                 updated.events == 0 && updated.violation_mm < allowed_mm && state.relative <= residual;
             if settled {
-                let to_the_end = residual < LEAST_RESIDUAL;
-                let balanced = to_the_end || self.is_balanced(problem, &state);
-                if self.guesses || (balanced && !self.is_askew(problem, depth_mm)) {
+                if self.guesses {
                     return Ok(outcome);
                 }
-                if to_the_end {
-                    return Err(outcome);
+                let to_the_end = residual < LEAST_RESIDUAL;
+                if to_the_end || self.is_balanced(problem, &state) {
+                    let askew = self.askew(problem, depth_mm);
+                    if askew <= MOST_ASKEW {
+                        return Ok(outcome);
+                    }
+                    if to_the_end {
+                        return if leave.even || askew > LOPSIDED { Err(outcome) } else { Ok(outcome) };
+                    }
                 }
                 // What is left is small at each point and all of one sign, or to one side.
                 residual *= 0.3;
@@ -182,23 +191,19 @@ impl Level {
                 );
                 outcome.iterations += spent;
                 let near = updated.violation_mm < 10.0 * allowed_mm && outcome.residual <= ROUGH_RESIDUAL;
-                return if near && (self.guesses || !self.is_askew(problem, depth_mm)) {
-                    Ok(outcome)
-                } else {
-                    Err(outcome)
-                };
+                return if near { Ok(outcome) } else { Err(outcome) };
             }
         }
     }
 
-    /// Whether a straight press has lost more of its symmetry than an equilibrium may.
-    fn is_askew(&self, problem: &Problem<'_>, depth_mm: f64) -> bool {
+    /// How much of its symmetry a straight press has lost, relative to depth.
+    fn askew(&self, problem: &Problem<'_>, depth_mm: f64) -> f64 {
         if !self.straight_down() || drags(&way_between(&self.at.pose, problem.pose)) {
-            return false;
+            return 0.0;
         }
         let lost_mm =
             symmetry::lost_mm(problem.machine.operator.grid(), &self.at.u, problem.indenter, problem.pose);
-        lost_mm > MOST_ASKEW * depth_mm.max(LEAST_DEPTH_MM)
+        lost_mm / depth_mm.max(LEAST_DEPTH_MM)
     }
 
     /// Whether the base bears what presses on the face.
