@@ -1,10 +1,11 @@
 //! How far into the pad an indenter goes in one increment with friction. What it touches on the way stays where it touches, so the
 //! longer the increment, the less is known of where that is.
 //!
-//! The pad knows no length but its thickness, so all are parts of it, and of how wide the body is; they go by the body alone, not by the
+//! The pad knows no length but its thickness, so they are parts of it, and of how wide the body is; they go by the body alone, not by the
 //! cells. Found by experiment: bodies that stick to a pad of 4 mm, pressed 1 mm in increments of 0.5 to 0.05 mm (the lab book has the
 //! table). In increments as long as these normal forces are within 0.6 % of the shortest's, under a small cone within 1 %.
 
+use super::resolution::LONGEST_INCREMENT_MM;
 use super::underside::Underside;
 use crate::indenter::Indenter;
 
@@ -13,8 +14,12 @@ const LONGEST: f64 = 0.125;
 /// Under one that has edges, or is wider than the pad is thick: what is squeezed out under it does not move in proportion to the way. In
 /// twice as long ones a slab presses 1.5 %, a cap of radius 20 mm 1.1 to 1.6 % too little.
 const SHORT: f64 = 0.0625;
-/// In shorter ones nothing presses, over the thickness.
+/// A body is wide whose area touched is that of a circle with this radius over the thickness.
+const WIDE: f64 = 0.8;
+/// In shorter ones than this over the thickness, or this, mm, nothing presses.
 const SHORTEST: f64 = 0.025;
+/// See [`SHORTEST`].
+const SHORTEST_MM: f64 = 0.1;
 /// Over half of the body's narrower side. In longer ones a small sphere that is pressed again and again creeps. With edges also over the
 /// radius of a circle with the area touched: cones 1 mm across at the tip press 1 to 2 % too little in increments twice as long.
 const OVER_RADIUS: f64 = 0.125;
@@ -22,9 +27,10 @@ const OVER_RADIUS: f64 = 0.125;
 pub fn longest_mm(body: &dyn Indenter, underside: &Underside, thickness_mm: f64) -> f64 {
     let radius_mm = underside.radius_mm();
     let [hx, hy] = body.half_extent_mm();
-    let of_pad = if underside.has_edges || radius_mm > thickness_mm { SHORT } else { LONGEST };
+    let of_pad = if underside.has_edges || radius_mm > WIDE * thickness_mm { SHORT } else { LONGEST };
     let narrowest = if underside.has_edges { radius_mm.min(hx).min(hy) } else { hx.min(hy) };
-    (OVER_RADIUS * narrowest).clamp(SHORTEST * thickness_mm, of_pad * thickness_mm)
+    let longest = (of_pad * thickness_mm).min(LONGEST_INCREMENT_MM);
+    (OVER_RADIUS * narrowest).max((SHORTEST * thickness_mm).min(SHORTEST_MM)).min(longest)
 }
 
 #[cfg(test)]
@@ -58,6 +64,7 @@ mod tests {
         for (shape, range) in [
             (dome(4.0, 8.0), 0.5..=0.5),
             (dome(2.0, 4.0), 0.25..=0.25),
+            (dome(12.0, 16.0), 0.25..=0.25),
             (dome(20.0, 16.0), 0.25..=0.25),
             (flat(16.0, 16.0), 0.25..=0.25),
             (flat(40.0, 40.0), 0.25..=0.25),
@@ -66,6 +73,9 @@ mod tests {
             (flat(0.7, 16.0), 0.1..=0.1),
             (cone(1.0, 19.29), 0.1..=0.1),
             (cone(1.0, 30.0), 0.1..=0.11),
+            (cone(1.0, 40.0), 0.1..=0.12),
+            (cone(1.1, 40.0), 0.1..=0.12),
+            (cone(1.0, 45.0), 0.11..=0.13),
             (cone(2.0, 19.29), 0.13..=0.16),
             (cone(4.0, 19.29), 0.25..=0.25),
         ] {
@@ -73,6 +83,14 @@ mod tests {
             let close = range.start() - 1e-9..=range.end() + 1e-9;
             assert!(close.contains(&increment_mm), "{increment_mm} mm instead of {range:?} for {shape:?}");
         }
+    }
+
+    #[test]
+    fn a_thick_pad_has_the_increments_that_the_body_allows() {
+        let thick = [40.0, 40.0, 20.0];
+        assert_eq!(increment_mm(dome(4.0, 8.0), thick), 0.5);
+        assert!((0.1..=0.125).contains(&increment_mm(dome(1.0, 2.0), thick)));
+        assert!(increment_mm(cone(1.0, 19.29), thick) < 0.11);
     }
 
     #[test]

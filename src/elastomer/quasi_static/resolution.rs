@@ -20,8 +20,8 @@ const NARROWEST_FOR_TIP_MM: f64 = 0.5;
 /// larger errors will do, cells are as much wider. Found by experiment: 1 mm deep the contact of a cone 1 mm across at its tip, 1.6
 /// cells in radius, is seen 4.6 % too small in radius, with 2.1 cells 0.6 %.
 const CELLS_OF_SMALL: f64 = 2.0;
-/// Nor need they be narrower than this for that, over the pad's thickness.
-const NARROWEST_FOR_SMALL: f64 = 0.075;
+/// Cells over the narrower ones that are taken for it, at most.
+const LARGEST_STEP_FOR_SMALL: f64 = 1.4;
 /// Cells of the default tolerance, mm.
 const USUAL_CELL_MM: f64 = 0.46;
 /// Power of the cell size with which the stated error falls (found by experiment: flat bodies with rounded edges).
@@ -76,12 +76,17 @@ impl Resolution {
             }
         }
         let underside = Underside::of(body, size);
-        if underside.has_edges {
-            let least_mm = NARROWEST_FOR_SMALL * size[2];
-            let enough_mm = (underside.radius_mm() / CELLS_OF_SMALL).max(least_mm);
-            cell_mm = cell_mm.min(enough_mm * (self.cell_mm / USUAL_CELL_MM).max(1.0));
+        let increment_mm = increments::longest_mm(body, &underside, size[2]);
+        let usual = Self { cell_mm, increment_mm, ..self };
+        if !underside.has_edges {
+            return usual;
         }
-        Self { cell_mm, increment_mm: increments::longest_mm(body, &underside, size[2]), ..self }
+        let enough_mm = underside.radius_mm() / CELLS_OF_SMALL * (self.cell_mm / USUAL_CELL_MM).max(1.0);
+        let narrower_mm = enough_mm.max(self.cell_mm / LARGEST_STEP_FOR_SMALL);
+        if narrower_mm >= cell_mm {
+            return usual;
+        }
+        usual.of_blocks(size, Grid::blocks(size[0], narrower_mm)).unwrap_or(usual)
     }
 
     /// Cells with which the error may be expected to fall from `stated` to `wanted` on a pad of `size` mm, though at
@@ -139,5 +144,8 @@ mod tests {
         assert!((cell_mm(stripe(1.0), 0.1) - 1.0 / CELLS_OF_TIP).abs() < 0.1);
         assert_eq!(cell_mm(stripe(0.2), 0.1), NARROWEST_FOR_TIP_MM);
         assert_eq!(cell_mm(stripe(0.2), 0.005), usual(0.005));
+        let cone = |tip_diameter_mm| Shape::Cone { tip_diameter_mm, half_angle_deg: 19.29 };
+        assert!(cell_mm(cone(1.0), 0.01) < usual(0.01) / 1.3 && cell_mm(cone(4.0), 0.01) == usual(0.01));
+        assert!(cell_mm(cone(0.2), 0.01) > usual(0.01) / 1.6, "as narrow as a pin are no cells");
     }
 }

@@ -3,16 +3,20 @@
 use crate::indenter::Indenter;
 use std::f64::consts::PI;
 
-/// Height above the tip up to which a body is looked at, over the thickness: half as deep as presses go.
+/// Height above the tip up to which a body is looked at, over the thickness, of a thick pad over that of a usual one: half as deep as
+/// presses go.
 const TOUCHED: f64 = 0.125;
-/// Distance of the points where a body is looked at, over the thickness; wide bodies are looked at in no more than so many points from
+/// The usual thickness, mm.
+const USUAL_MM: f64 = 4.0;
+/// Distance of the points where a body is looked at, over that thickness; wide bodies are looked at in no more than so many points from
 /// the middle to either side.
 const PITCH: f64 = 0.05;
 /// See [`PITCH`].
 const MOST_POINTS: f64 = 100.0;
-/// An edge is where the slope of the underside changes by this much from a point to the next, or the body ends.
-const EDGE_SLOPE: f64 = 0.7;
-/// Height above the tip up to which its width counts, mm: as deep as most presses go.
+/// An edge is where the slope of the underside changes by this much from one point to the next, or the body ends. (Of a kink that lies
+/// between points each of them sees a part: where the slope changes by twice as much, one always sees enough.)
+const EDGE_SLOPE: f64 = 0.35;
+/// Height above the tip up to which its width counts, mm.
 const WIDTH_UP_TO_MM: f64 = 0.5;
 /// Distance of the points between which a width is measured, mm.
 const WIDTH_PITCH_MM: f64 = 0.125;
@@ -30,6 +34,7 @@ impl Underside {
     /// Of a body, as far from its axis as the pad's corners are from one another.
     pub fn of(body: &dyn Indenter, [x_mm, y_mm, thickness_mm]: [f64; 3]) -> Self {
         let half = body.half_extent_mm().map(|half| half.min(x_mm.hypot(y_mm)));
+        let thickness_mm = thickness_mm.min(USUAL_MM);
         let pitch = (PITCH * thickness_mm).max(half[0].max(half[1]) / MOST_POINTS);
         let [nx, ny] = half.map(|half| (half / pitch).ceil() as i32 + 1);
         let height = |i: i32, j: i32| body.lower_surface(f64::from(i) * pitch, f64::from(j) * pitch);

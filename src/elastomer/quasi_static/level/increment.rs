@@ -131,6 +131,8 @@ impl Level {
         let mut residual = self.residual;
         let quick =
             self.guesses || residual >= SHARP_RESIDUAL || drags(&way_between(&self.at.pose, problem.pose));
+        // One that is let go comes to where it is even.
+        let presses = problem.pose.z_mm <= self.at.pose.z_mm;
         let quick_rounds = if quick { QUICK_ROUNDS } else { 0 };
         loop {
             let goal = if rounds < quick_rounds { QUICK_REDUCTION * state.relative.min(1.0) } else { 0.0 };
@@ -168,7 +170,8 @@ impl Level {
                         return Ok(outcome);
                     }
                     if to_the_end {
-                        return if leave.even || askew > LOPSIDED { Err(outcome) } else { Ok(outcome) };
+                        let uneven = presses && (leave.even || askew > LOPSIDED);
+                        return if uneven { Err(outcome) } else { Ok(outcome) };
                     }
                 }
                 // What is left is small at each point and all of one sign, or to one side.
@@ -191,7 +194,8 @@ impl Level {
                 );
                 outcome.iterations += spent;
                 let near = updated.violation_mm < 10.0 * allowed_mm && outcome.residual <= ROUGH_RESIDUAL;
-                return if near { Ok(outcome) } else { Err(outcome) };
+                let lopsided = presses && !self.guesses && self.askew(problem, depth_mm) > LOPSIDED;
+                return if near && !lopsided { Ok(outcome) } else { Err(outcome) };
             }
         }
     }

@@ -78,12 +78,15 @@ fn a_turn_in_full_slip_has_the_torque_of_a_hertzian_contact() {
 
 #[test]
 fn what_sticks_presses_as_hard_in_one_way_as_in_twenty() {
-    let force_n = |body: &Arc<dyn Indenter>, [thickness_mm, depth_mm]: [f64; 2], ways: i32| {
-        let settings = Settings { tolerance: 0.02, ..settings(Friction::Infinite) };
+    let force_n = |body: &Arc<dyn Indenter>, [thickness_mm, depth_mm, tolerance]: [f64; 3], ways: i32| {
+        let settings = settings(Friction::Infinite);
         let pad = Pad { thickness_mm, ..pad(Law::FixedCorotated) };
         let start = Pose::new(0.0, 0.0, 0.1, 0.0);
-        let mut s =
-            QuasiStaticSolver::new(&pad, &settings, body.clone(), &start).expect("settings are in range");
+        // Both over the same cells, whatever they state.
+        let resolution =
+            Resolution::for_tolerance(tolerance).for_body(body.as_ref(), [20.0, 20.0, thickness_mm]);
+        let mut s = QuasiStaticSolver::with_resolution(&pad, &settings, resolution, body.clone(), &start)
+            .expect("settings are in range");
         for n in 1..=ways {
             let z_mm = -depth_mm * f64::from(n) / f64::from(ways);
             s.advance(&Pose::new(0.0, 0.0, z_mm, 0.0)).expect("an easy press");
@@ -98,12 +101,12 @@ fn what_sticks_presses_as_hard_in_one_way_as_in_twenty() {
     };
     let cone = from_spec("cone", &cone, None).expect("a body");
     // Wide, wide for a thin pad, and small with edges.
-    for (body, pad, bound) in [
-        (Arc::new(Sphere(20.0)) as Arc<dyn Indenter>, [4.0, 1.0], 0.004),
-        (Arc::new(Sphere(10.0)), [2.0, 0.5], 0.006),
-        (cone, [4.0, 1.0], 0.01),
+    for (body, press, bound) in [
+        (Arc::new(Sphere(20.0)) as Arc<dyn Indenter>, [4.0, 1.0, 0.02], 0.004),
+        (Arc::new(Sphere(10.0)), [2.0, 0.5, 0.02], 0.006),
+        (cone, [4.0, 0.5, 0.01], 0.01),
     ] {
-        let (one, twenty) = (force_n(&body, pad, 1), force_n(&body, pad, 20));
+        let (one, twenty) = (force_n(&body, press, 1), force_n(&body, press, 20));
         assert!((one / twenty - 1.0).abs() < bound, "{one} N and {twenty} N");
     }
 }
