@@ -9,9 +9,9 @@ use super::resolution::LONGEST_INCREMENT_MM;
 use super::underside::Underside;
 use crate::indenter::Indenter;
 
-/// Under a body that is round, and narrower than the pad is thick; over the thickness.
+/// Under a body that is round, and not wide; over the thickness.
 const LONGEST: f64 = 0.125;
-/// Under one that has edges, or is wider than the pad is thick: what is squeezed out under it does not move in proportion to the way. In
+/// Under one that has edges, or is wide: what is squeezed out under it does not move in proportion to the way. In
 /// twice as long ones a slab presses 1.5 %, a cap of radius 20 mm 1.1 to 1.6 % too little.
 const SHORT: f64 = 0.0625;
 /// A body is wide whose area touched is that of a circle with this radius over the thickness.
@@ -23,6 +23,7 @@ const SHORTEST_MM: f64 = 0.1;
 /// Over half of the body's narrower side. In longer ones a small sphere that is pressed again and again creeps. With edges also over the
 /// radius of a circle with the area touched: cones 1 mm across at the tip press 1 to 2 % too little in increments twice as long.
 const OVER_RADIUS: f64 = 0.125;
+
 /// The longest increment under a body of this underside on a pad of this thickness, mm.
 pub fn longest_mm(body: &dyn Indenter, underside: &Underside, thickness_mm: f64) -> f64 {
     let radius_mm = underside.radius_mm();

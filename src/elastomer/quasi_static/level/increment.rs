@@ -24,10 +24,9 @@ const SHARP_RESIDUAL: f64 = 1e-3;
 /// Difference between the base's reaction and the contact force, over that force, with which an increment may end.
 const LARGEST_IMBALANCE: f64 = 1e-3;
 /// Part of the depth by which the sides of a press that are each other's image may differ before it is solved to less residual, and
-/// in shorter increments: where
-/// the pad is nearly unstable what the stopping leaves grows to one side, and what is then no equilibrium is none. Found by
-/// experiment: under a sharp square with a cavity, 2.4 mm deep in a pad of 4 mm, sides differed by 0.03 to 0.08 mm beside the contact's
-/// edge, as rounding went; with a hundredth of the residual by 0.01 mm, or no equilibrium is found.
+/// in shorter increments: where the pad is nearly unstable what the stopping leaves grows to one side, and what is then no equilibrium
+/// is none. Found by experiment: under a sharp square with a cavity, 2.4 mm deep in a pad of 4 mm, sides differed by 0.03 to 0.08 mm
+/// beside the contact's edge, as rounding went; with a hundredth of the residual by 0.01 mm, or no equilibrium is found.
 const MOST_ASKEW: f64 = 0.02;
 /// Part of the depth by which they may not differ in the end: half of it is stated as an error.
 const LOPSIDED: f64 = 0.05;
