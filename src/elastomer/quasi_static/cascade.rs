@@ -124,11 +124,14 @@ pub fn follow(
                 iterations: last.map_or(0, |o| o.iterations),
                 restarts,
                 advice: format!(
-                    "{:.3} of {:.3} mm of this way were done; lower the depth{}, round the indenter's edges, {}or choose \
-                     another elastomer.tolerance (another grid)",
-                    done * start.distance_mm(pose),
-                    start.distance_mm(pose),
-                    if presses { "" } else { " or the slide" },
+                    "{} were done; lower the depth{}, round the indenter's edges, {}or choose another elastomer.tolerance \
+                     (another grid)",
+                    part_of_way(done, &start, pose),
+                    match presses {
+                        true => "",
+                        false if start.distance_mm(pose) > 0.0 => " or the slide",
+                        false => " or the turn",
+                    },
                     if levels[finest].level.sticks() {
                         "set elastomer.friction to a number below 1, "
                     } else {
@@ -139,6 +142,15 @@ pub fn follow(
         }
     }
     Ok(())
+}
+
+/// How much of a way was done, in words.
+fn part_of_way(done: f64, start: &Pose, end: &Pose) -> String {
+    let (way_mm, turn_deg) = (start.distance_mm(end), (end.theta_deg - start.theta_deg).abs());
+    match way_mm > 0.0 {
+        true => format!("{:.3} of {way_mm:.3} mm of this way", done * way_mm),
+        false => format!("{:.2} of {turn_deg:.2} degrees of this turn", done * turn_deg),
+    }
 }
 
 /// One increment of the last of `levels`, with what the coarser ones say of it. When it fails, all are where they

@@ -22,6 +22,7 @@ use super::resolution::{GUESS_RESIDUAL, Resolution};
 use super::slip::Ledger;
 use super::springs::FaceGreen;
 use super::stack::Stack;
+use super::symmetry;
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use std::sync::{Arc, OnceLock};
@@ -69,6 +70,8 @@ pub struct Equilibrium {
     dragged_mm: f64,
     /// The same over how far what sticks holds, at the depths at which it went.
     worn: f64,
+    /// The mirrors of the pad in which the indenter has been since the pad was at rest, across x and across y.
+    mirrors: [bool; 2],
     /// Work of slides and turns without friction, and what became of it.
     ledger: Ledger,
     outcome: Option<Outcome>,
@@ -78,6 +81,14 @@ pub struct Equilibrium {
     unsettled: f64,
     /// The error it states, once it was asked for.
     stated: OnceLock<Option<f64>>,
+}
+
+impl Equilibrium {
+    /// Forgets the mirrors that the indenter has left.
+    fn keep_mirrors(&mut self) {
+        let here = symmetry::mirrors_of(&self.pose);
+        self.mirrors = [0, 1].map(|across| self.mirrors[across] && here[across]);
+    }
 }
 
 impl Level {
@@ -117,6 +128,7 @@ impl Level {
                 last: None,
                 at_rest: true,
                 dragged_mm: 0.0,
+                mirrors: symmetry::mirrors_of(&pose),
                 worn: 0.0,
                 ledger: Ledger::default(),
                 outcome: None,
@@ -207,6 +219,7 @@ impl Level {
         at.u.fill(0.0);
         (at.at_rest, at.last, at.outcome, at.pose) = (true, None, None, *pose);
         (at.dragged_mm, at.worn, at.ledger) = (0.0, 0.0, Ledger::default());
+        at.mirrors = symmetry::mirrors_of(pose);
         at.stated = OnceLock::new();
     }
 

@@ -87,7 +87,9 @@ impl Level {
         }
         let between = self.at.contacts.penetration_between(indenter, &self.at.pose, &self.at.u);
         let misfit = self.narrow() * (MISFIT_TO_ERROR * between + self.at.penetration_mm).max(inside.rms_mm);
-        Some((misfit / depth + self.unsettled_error(indenter, depth, outcome)).max(caught))
+        // What the body has passed by is off by half of its way at least, which its distance from the sides of a thin body does not
+        // tell. Of what cells resolve there is a hundredth at most.
+        Some((misfit / depth + inside.missed + self.unsettled_error(indenter, depth, outcome)).max(caught))
     }
 
     /// How much a face that nothing rubs has caught on what slides or turns over it: the part of its energy that it has lost, or its
@@ -139,10 +141,7 @@ impl Level {
     /// What the stopping leaves, relative to depth.
     fn unsettled_error(&self, indenter: &dyn Indenter, depth: f64, outcome: Outcome) -> f64 {
         // Each side is wrong by half of what differs between them.
-        let askew = match self.straight_down() {
-            true => 0.5 * symmetry::lost_mm(self.grid(), &self.at.u, indenter, &self.at.pose),
-            false => 0.0,
-        };
+        let askew = 0.5 * symmetry::lost_mm(self.grid(), &self.at.u, indenter, self.at.mirrors);
         askew / depth + outcome.residual + FRICTION_TO_ERROR * self.at.unsettled
     }
 
