@@ -417,7 +417,11 @@ impl Desk<'_> {
                     })),
                 }
             };
-            let bend = |step: usize, next: Eight| ((read(2, 2 * step) - next) - (a.z - before(step))).abs();
+            // (A flank within one pixel, between slopes that are alike, bends twice, there and back.)
+            let bend = |step: usize, next: Eight| {
+                let (rise, before, after) = (next - a.z, a.z - before(step), read(2, 2 * step) - next);
+                (after - before).abs().max((rise - before + rise - after).abs())
+            };
             let uneven = steep.or(crease.below(bend(1, b.z).max(bend(stride, c.z))));
             let point = (a + b + c + d).scaled(Eight::all(0.25));
             // The picture's y runs downwards: this order points to the camera.
@@ -529,7 +533,7 @@ fn mean(texture: &Texture, [a, b, c, d]: [Vec2; 4], n: usize) -> Vec3 {
 mod tests {
     use crate::optics::fast::tests::{punch, scene};
     use crate::optics::fast::{Precomputed, Renderer};
-    use crate::optics::{LightShape, bench_scene::Variant};
+    use crate::optics::{LightShape, bench_scene::Variant, reference};
     use glam::Vec3;
 
     #[test]
@@ -553,6 +557,22 @@ mod tests {
             assert!(more.min_element() > -1e-3 && more.max_element() < 1.0, "{more}");
             assert!(film.pixels[24 * 64 + 36].max_element() < 2.0);
         }
+    }
+
+    #[test]
+    fn a_flank_within_one_pixel_between_level_ground_is_taken_apart() {
+        // Both feet lie in column 32, and the level goes on as before beyond it.
+        let mut scene = scene(Variant::Ac, |x, _| if x < 0.15 { 0.0 } else { 0.6 });
+        scene.max_events = 1;
+        let mut rest = scene.clone();
+        let mesh = std::sync::Arc::make_mut(&mut rest.surfaces[0].mesh);
+        mesh.positions.iter_mut().for_each(|p| p.z = 0.0);
+        let once = Precomputed::new(&rest).unwrap();
+        let film = Renderer::new(&once, &scene, 0.005).unwrap().render();
+        let settings = reference::Settings { samples: 64, seed: 1 };
+        let truth = reference::Renderer::new(&scene).unwrap().render(&settings);
+        let [found, truth] = [film, truth].map(|film| (4..44).map(|y| film.at(32, y)).sum::<Vec3>());
+        assert!((found / truth - Vec3::ONE).abs().max_element() < 0.02, "{found} {truth}");
     }
 
     #[test]

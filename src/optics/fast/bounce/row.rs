@@ -21,6 +21,8 @@ const NEAREST: f32 = 0.3;
 const FLANK: f32 = 1.5;
 /// What rises on by this slope above the line of sight has an edge, which is looked for.
 const EDGED: f32 = 0.3;
+/// So often the height is halved between a flank's foot and its rim, to find the flank.
+const HALVINGS: usize = 2;
 
 /// Cells farther aside of the direction looked into than to 45 degrees are not seen in it, as a cosine.
 const ASTRAY: f32 = 0.7;
@@ -190,12 +192,19 @@ impl Row<'_> {
                 let last_height = height;
                 // How high it is there is known when it is found: the second look is at the right place.
                 let Some(first) = self.neighbour(lookout.cells_to(ahead_mm, height)) else { break };
-                let there = means.heights[(at + middle).wrapping_add_signed(first)];
+                let of_middle = at + middle;
+                let there = means.heights[of_middle.wrapping_add_signed(first)];
                 let second = lookout.tells((there - height).abs()).then(|| {
                     height = there;
                     self.neighbour(lookout.cells_to(ahead_mm, there))
                 });
-                let k = at.wrapping_add_signed(second.flatten().unwrap_or(first));
+                let mut seen_at = second.flatten().unwrap_or(first);
+                let found = means.heights[of_middle.wrapping_add_signed(seen_at)];
+                if second.is_some() && lookout.tells((found - height).abs()) {
+                    (seen_at, height) =
+                        self.between((of_middle, &lookout), ahead_mm, [last_height, height], seen_at);
+                }
+                let k = at.wrapping_add_signed(seen_at);
                 // (The picture moves what is high: places tell how far away it is.)
                 let (dx, dy) = (Means::eight(&means.places[0], k) - x, Means::eight(&means.places[1], k) - y);
                 let away = (dx * dx + dy * dy).sqrt().max(nearest);
@@ -339,6 +348,30 @@ impl Row<'_> {
             *horizon = [before, below];
         }
         horizons
+    }
+
+    /// Where a flank is seen that a look as from its foot passes and one as from its rim, too: some of it is as high as it was
+    /// taken to be. By how much the index of that cell differs from one in the `middle`, and its height, from the two heights that
+    /// were tried and what was seen last.
+    #[inline(never)]
+    fn between(
+        &self,
+        (middle, lookout): (usize, &Lookout),
+        ahead_mm: Vec2,
+        [mut from, mut to]: [f32; 2],
+        mut seen_at: isize,
+    ) -> (isize, f32) {
+        let (upwards, mut height) = (from < to, to);
+        for _ in 0..HALVINGS {
+            let found = self.means.heights[middle.wrapping_add_signed(seen_at)];
+            let between = 0.5 * (from + to);
+            let cell = self.neighbour(lookout.cells_to(ahead_mm, between));
+            let Some(cell) = cell.filter(|_| lookout.tells((found - height).abs())) else { break };
+            (seen_at, height) = (cell, between);
+            let is_higher = self.means.heights[middle.wrapping_add_signed(cell)] > between;
+            if is_higher == upwards { from = between } else { to = between }
+        }
+        (seen_at, height)
     }
 
     /// By how much the index of a cell of this row differs from that of another, unless that is far beside the picture.
