@@ -16,13 +16,12 @@ pub const LONGEST_INCREMENT_MM: f64 = 0.5;
 const CELLS_OF_TIP: f64 = 1.5;
 /// They need not be narrower than this for it, mm: finer ones are taken where an answer states too much.
 const NARROWEST_FOR_TIP_MM: f64 = 0.5;
-/// So many cells go into half of the longer side of what touches, at the default tolerance or below; where larger errors will do, cells
-/// are as much wider. Found by experiment: 1 mm deep the contact of a cone 1 mm across at its tip, 1.6 cells in radius, is seen
-/// 4.6 % too small in radius, with 2.1 cells 0.6 %, and its force then 1.5 % off, with 2.7 cells 0.5 %; a sphere of radius 2 mm that
-/// sticks and is turned takes 3 to 5 % too little torque over 4.2 cells, over 5.3 cells 1 %.
-const CELLS_OF_SMALL: f64 = 4.3;
-/// Cells over the narrower ones that are taken for it, at most: each half as wide again costs five times as much.
-const LARGEST_STEP_FOR_SMALL: f64 = 1.8;
+/// So many cells go into the radius of a circle as large as what touches of a body with edges, at the default tolerance or below; where
+/// larger errors will do, cells are as much wider. Found by experiment: 1 mm deep the contact of a cone 1 mm across at its tip, 1.6
+/// cells in radius, is seen 4.6 % too small in radius, with 2.1 cells 0.6 %.
+const CELLS_OF_SMALL: f64 = 2.0;
+/// Cells over the narrower ones that are taken for it, at most.
+const LARGEST_STEP_FOR_SMALL: f64 = 1.4;
 /// Cells of the default tolerance, mm.
 const USUAL_CELL_MM: f64 = 0.46;
 /// Power of the cell size with which the stated error falls (found by experiment: flat bodies with rounded edges).
@@ -79,11 +78,15 @@ impl Resolution {
         let underside = Underside::of(body, size);
         let increment_mm = increments::longest_mm(body, &underside, size[2]);
         let usual = Self { cell_mm, increment_mm, ..self };
-        let enough_mm = underside.half_length_mm / CELLS_OF_SMALL * (self.cell_mm / USUAL_CELL_MM).max(1.0);
+        if !underside.has_edges {
+            return usual;
+        }
+        let enough_mm = underside.radius_mm() / CELLS_OF_SMALL * (self.cell_mm / USUAL_CELL_MM).max(1.0);
         let narrower_mm = enough_mm.max(self.cell_mm / LARGEST_STEP_FOR_SMALL);
-        let [few, enough] = [cell_mm, narrower_mm].map(|cell_mm| Grid::blocks(size[0], cell_mm));
-        let narrower = (few + 1..=enough).rev().find_map(|blocks| usual.of_blocks(size, blocks));
-        narrower.unwrap_or(usual)
+        if narrower_mm >= cell_mm {
+            return usual;
+        }
+        usual.of_blocks(size, Grid::blocks(size[0], narrower_mm)).unwrap_or(usual)
     }
 
     /// Cells with which the error may be expected to fall from `stated` to `wanted` on a pad of `size` mm, though at
@@ -136,16 +139,13 @@ mod tests {
         };
         let usual = |tolerance: f64| Resolution::for_tolerance(tolerance).cell_mm;
         let stripe = |x_mm: f64| Shape::Flat { plan: Plan::Rectangle { x_mm, y_mm: 10.0 } };
-        let sphere = |radius_mm: f64| Shape::Dome { radius_mm, diameter_mm: 2.0 * radius_mm };
-        assert!(usual(0.1) > 1.2 && cell_mm(sphere(4.0), 0.1) == usual(0.1));
-        assert!(cell_mm(sphere(2.0), 0.01) < usual(0.01) / 1.3 && cell_mm(sphere(4.0), 0.01) == usual(0.01));
-        assert!(cell_mm(sphere(0.2), 0.01) > usual(0.01) / 2.0, "however small");
-        assert!(cell_mm(sphere(0.2), 0.005) < cell_mm(sphere(0.2), 0.01), "as many as there may be");
+        let sphere = Shape::Dome { radius_mm: 4.0, diameter_mm: 8.0 };
+        assert!(usual(0.1) > 1.2 && cell_mm(sphere, 0.1) == usual(0.1));
         assert!((cell_mm(stripe(1.0), 0.1) - 1.0 / CELLS_OF_TIP).abs() < 0.1);
         assert_eq!(cell_mm(stripe(0.2), 0.1), NARROWEST_FOR_TIP_MM);
         assert_eq!(cell_mm(stripe(0.2), 0.005), usual(0.005));
         let cone = |tip_diameter_mm| Shape::Cone { tip_diameter_mm, half_angle_deg: 19.29 };
         assert!(cell_mm(cone(1.0), 0.01) < usual(0.01) / 1.3 && cell_mm(cone(4.0), 0.01) == usual(0.01));
-        assert!(cell_mm(cone(0.2), 0.01) > usual(0.01) / 2.0, "as narrow as a pin are no cells");
+        assert!(cell_mm(cone(0.2), 0.01) > usual(0.01) / 1.6, "as narrow as a pin are no cells");
     }
 }

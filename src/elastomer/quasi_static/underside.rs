@@ -26,8 +26,6 @@ const WIDTH_PITCH_MM: f64 = 0.125;
 pub struct Underside {
     /// How much of it there is, seen along z, mm^2.
     touched_mm2: f64,
-    /// Half of the longer side of what is around it, along the body's axes, mm.
-    pub half_length_mm: f64,
     /// Whether it bends sharply or ends.
     pub has_edges: bool,
 }
@@ -45,27 +43,17 @@ impl Underside {
         let bends = |a: f64, b: f64, c: f64| (a - 2.0 * b + c) / pitch > EDGE_SLOPE;
         let [mut before, mut here] = [row(-ny - 1), row(-ny)];
         let (mut points, mut has_edges) = (0, false);
-        let [mut least, mut most] = [[i32::MAX; 2], [i32::MIN; 2]];
         for j in -ny..=ny {
             let after = row(j + 1);
             for (i, z) in here.iter().enumerate().filter(|(_, z)| touched(**z)) {
                 points += 1;
-                for (axis, at) in [i as i32, j].into_iter().enumerate() {
-                    least[axis] = least[axis].min(at);
-                    most[axis] = most[axis].max(at);
-                }
                 let beside = |i: Option<usize>| i.and_then(|i| here.get(i)).copied().unwrap_or(f64::INFINITY);
                 has_edges |= bends(beside(i.checked_sub(1)), *z, beside(Some(i + 1)));
                 has_edges |= bends(before[i], *z, after[i]);
             }
             (before, here) = (here, after);
         }
-        let lengths = [0, 1].map(|axis| if points > 0 { most[axis] - least[axis] + 1 } else { 0 });
-        Self {
-            touched_mm2: f64::from(points) * pitch * pitch,
-            half_length_mm: 0.5 * pitch * f64::from(lengths[0].max(lengths[1])),
-            has_edges,
-        }
+        Self { touched_mm2: f64::from(points) * pitch * pitch, has_edges }
     }
 
     /// The radius of a circle as large, mm.
