@@ -96,6 +96,28 @@ mod tests {
     }
 
     #[test]
+    fn what_left_the_mirror_and_came_back_is_not_taken_for_what_has_lost_its_symmetry() {
+        let settings =
+            Settings { tolerance: 0.02, friction: Friction::Coefficient(0.5), ..Settings::default() };
+        let at = |x_mm: f64, y_mm: f64, z_mm: f64| Pose::new(x_mm, y_mm, z_mm, 0.0);
+        let (pad, sphere) = (pad(Law::NeoHookean), std::sync::Arc::new(Sphere(4.0)));
+        for (way, keeps) in [
+            ([at(0.2, 0.0, -0.5), at(0.4, 0.0, -0.5)], true),
+            ([at(0.2, 0.2, -0.5), at(0.4, 0.0, -0.5)], false),
+        ] {
+            let mut solver = QuasiStaticSolver::new(&pad, &settings, sphere.clone(), &at(0.0, 0.0, 0.1))
+                .expect("a solver");
+            solver.advance(&at(0.0, 0.0, -0.5)).expect("a press");
+            way.iter().for_each(|pose| solver.advance(pose).expect("a slide"));
+            let level = solver.finest();
+            let lost = lost_mm(level.grid(), level.displacement(), sphere.as_ref(), [false, true]) / 0.5;
+            let stated = level.estimated_error(sphere.as_ref()).expect("a contact");
+            assert!(if keeps { lost < 0.01 } else { lost > 0.1 }, "{lost} lost");
+            assert!(stated < 0.03, "{stated} stated with {lost} lost");
+        }
+    }
+
+    #[test]
     fn a_pad_that_is_all_but_unstable_does_not_give_way_for_want_of_an_answer() {
         let plan = Plan::Rectangle { x_mm: 8.0, y_mm: 8.0 };
         let shape = Shape::Socket { plan, cavity_radius_mm: 2.0 };
