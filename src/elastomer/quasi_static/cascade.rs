@@ -214,3 +214,16 @@ pub fn rest_at(levels: &mut [Step], pose: &Pose) {
         step.lost = false;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_part_of_a_way_is_told_in_millimetres_and_that_of_a_turn_in_degrees() {
+        let (start, deep) = (Pose::new(0.0, 0.0, -0.5, 0.0), Pose::new(0.0, 0.0, -1.0, 0.0));
+        assert_eq!(part_of_way(0.25, &start, &deep), "0.125 of 0.500 mm of this way");
+        let turned = Pose { theta_deg: -5.0, ..start };
+        assert_eq!(part_of_way(0.25, &start, &turned), "1.25 of 5.00 degrees of this turn");
+    }
+}

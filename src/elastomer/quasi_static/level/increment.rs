@@ -205,9 +205,7 @@ impl Level {
         if !self.straight_down() || drags(&way_between(&self.at.pose, problem.pose)) {
             return 0.0;
         }
-        let grid = problem.machine.operator.grid();
-        let mirrors = symmetry::mirrors_of(problem.pose);
-        let lost_mm = symmetry::lost_mm(grid, &self.at.u, problem.indenter, mirrors);
+        let lost_mm = symmetry::lost_mm(self.grid(), &self.at.u, problem.indenter, self.at.mirrors);
         lost_mm / depth_mm.max(LEAST_DEPTH_MM)
     }
 
