@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 /// presses go.
 const TOUCHED: f64 = 0.125;
 /// The usual thickness, mm.
-const USUAL_MM: f64 = 4.0;
+pub const USUAL_THICKNESS_MM: f64 = 4.0;
 /// Distance of the points where a body is looked at, over that thickness; wide bodies are looked at in no more than so many points from
 /// the middle to either side.
 const PITCH: f64 = 0.05;
@@ -34,7 +34,7 @@ impl Underside {
     /// Of a body, as far from its axis as the pad's corners are from one another.
     pub fn of(body: &dyn Indenter, [x_mm, y_mm, thickness_mm]: [f64; 3]) -> Self {
         let half = body.half_extent_mm().map(|half| half.min(x_mm.hypot(y_mm)));
-        let thickness_mm = thickness_mm.min(USUAL_MM);
+        let thickness_mm = thickness_mm.min(USUAL_THICKNESS_MM);
         let pitch = (PITCH * thickness_mm).max(half[0].max(half[1]) / MOST_POINTS);
         let [nx, ny] = half.map(|half| (half / pitch).ceil() as i32 + 1);
         let height = |i: i32, j: i32| body.lower_surface(f64::from(i) * pitch, f64::from(j) * pitch);

@@ -4,8 +4,8 @@
 use super::*;
 use crate::elastomer::Surface;
 use crate::elastomer::quasi_static::contact::Contacts;
-use crate::indenter::spec::Shape;
-use crate::indenter::{Indenter, IndenterSpec, from_spec};
+use crate::indenter::Indenter;
+use narrow::small_cone;
 
 const RADIUS_MM: f64 = 4.0;
 const DEPTH_MM: f64 = 0.05;
@@ -92,13 +92,7 @@ fn what_sticks_presses_as_hard_in_one_way_as_in_twenty() {
         }
         s.capture(2, 2).expect("a lattice").forces.normal_force_n
     };
-    let cone = IndenterSpec {
-        description: String::new(),
-        edge_round_mm: 0.3,
-        height_mm: 8.0,
-        shape: Shape::Cone { tip_diameter_mm: 1.0, half_angle_deg: 19.29 },
-    };
-    let cone = from_spec("cone", &cone, None).expect("a body");
+    let cone = small_cone(0.3);
     // Wide, wide for a thin pad, and small with edges.
     for (body, press, bound) in [
         (Arc::new(Sphere(20.0)) as Arc<dyn Indenter>, [4.0, 1.0, 0.02], 0.004),
@@ -331,11 +325,7 @@ fn a_crescent_that_is_drawn_through_the_face_turns_on_with_cells_a_little_finer(
 
 #[test]
 fn no_fold_of_the_face_is_drawn_through_a_narrow_body() {
-    use crate::indenter::spec::Shape;
-    use crate::indenter::{IndenterSpec, from_spec};
-    let shape = Shape::Cone { tip_diameter_mm: 1.0, half_angle_deg: 19.29 };
-    let spec = IndenterSpec { description: String::new(), edge_round_mm: 0.5, height_mm: 8.0, shape };
-    let cone = from_spec("cone", &spec, None).expect("a sound body");
+    let cone = small_cone(0.5);
     let mut pad = pad(Law::FixedCorotated);
     pad.material.youngs_modulus_mpa = 1.45;
     let settings = Settings { tolerance: 0.05, ..settings(Friction::Coefficient(0.2)) };

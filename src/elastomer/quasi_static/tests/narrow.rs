@@ -2,7 +2,35 @@
 
 use super::*;
 use crate::indenter::spec::{Plan, Shape};
-use crate::indenter::{IndenterSpec, from_spec};
+use crate::indenter::{Indenter, IndenterSpec, from_spec};
+
+/// The cone of the press set: 1 mm across at its tip.
+pub(super) fn small_cone(edge_round_mm: f64) -> Arc<dyn Indenter> {
+    let shape = Shape::Cone { tip_diameter_mm: 1.0, half_angle_deg: 19.29 };
+    let spec = IndenterSpec { description: String::new(), edge_round_mm, height_mm: 8.0, shape };
+    from_spec("cone", &spec, None).expect("a body")
+}
+
+#[test]
+fn a_small_cone_touches_as_widely_and_presses_as_hard_as_over_the_finest_cells() {
+    let cone = small_cone(0.3);
+    let seen = |tolerance: f64| {
+        let settings = Settings { tolerance, friction: Friction::Coefficient(0.5), ..Settings::default() };
+        let start = Pose::new(0.0, 0.0, 0.2, 0.0);
+        let mut s =
+            QuasiStaticSolver::new(&pad(Law::FixedCorotated), &settings, cone.clone(), &start).unwrap();
+        [0.25, 0.5, 1.0].map(|depth_mm| {
+            s.advance(&Pose { z_mm: -depth_mm, ..start }).expect("an easy press");
+            let seen = s.capture(201, 201).expect("a lattice");
+            let radius_mm = (seen.stats.contact_area_mm2 / std::f64::consts::PI).sqrt();
+            (radius_mm, seen.forces.normal_force_n)
+        })
+    };
+    for ((radius_mm, force_n), (fine_radius_mm, fine_force_n)) in seen(0.01).into_iter().zip(seen(0.003)) {
+        assert!((radius_mm / fine_radius_mm - 1.0).abs() < 0.02, "{radius_mm} mm, {fine_radius_mm} mm");
+        assert!((force_n / fine_force_n - 1.0).abs() < 0.015, "{force_n} N, {fine_force_n} N");
+    }
+}
 
 /// A flat body with upright walls pressed 0.3 mm.
 fn pressed(plan: Plan, theta_deg: f64, tolerance: f64) -> Result<ElastomerCapture, Error> {
