@@ -17,15 +17,19 @@
 //! (Biot's surface instability), finer than any grid can follow, and where it holds goes by rounding. So a contact that has been
 //! dragged far tears loose, and then slides as rubber does.
 
+mod exchange;
 mod friction;
 mod grip;
 mod patch;
+mod place;
 mod reach;
 mod side;
+mod told;
 
 use self::friction::{Anchor, FrictionLaw, SLIP_SOFTNESS, STICK_SOFTNESS};
 pub use self::grip::Grip;
 pub use self::patch::Loads;
+use self::place::Place;
 use self::reach::{Lattice, Window};
 use self::side::{Entry, Side};
 use super::chart::Chart;
@@ -79,33 +83,6 @@ pub struct Active {
     pub stiffness: [f64; 6],
     /// Outward normal of the indenter.
     pub normal: DVec3,
-}
-
-/// An indenter where it is.
-struct Place<'a> {
-    indenter: &'a dyn Indenter,
-    half_extent_mm: [f64; 2],
-    pose: &'a Pose,
-    sin: f64,
-    cos: f64,
-}
-
-impl<'a> Place<'a> {
-    fn of(indenter: &'a dyn Indenter, pose: &'a Pose) -> Self {
-        let (sin, cos) = pose.theta_deg.to_radians().sin_cos();
-        Self { indenter, half_extent_mm: indenter.half_extent_mm(), pose, sin, cos }
-    }
-
-    /// A point of the pad in the indenter's frame.
-    fn in_indenter(&self, p: DVec3) -> DVec3 {
-        let (x, y) = (p.x - self.pose.x_mm, p.y - self.pose.y_mm);
-        DVec3::new(self.cos * x + self.sin * y, -self.sin * x + self.cos * y, p.z - self.pose.z_mm)
-    }
-
-    /// A direction of the indenter's in the pad's frame.
-    fn to_pad(&self, v: DVec3) -> DVec3 {
-        DVec3::new(self.cos * v.x - self.sin * v.y, self.sin * v.x + self.cos * v.y, v.z)
-    }
 }
 
 /// Points that are not worth another thread.
@@ -197,35 +174,6 @@ impl Contacts {
         self.law.friction == Friction::Infinite
     }
 
-    fn value(&self, u: &[f32], cell: [usize; 2], sub: usize) -> DVec3 {
-        let per_axis = self.lattice.per_axis;
-        let (wx, wy) = (&self.weights[sub % per_axis], &self.weights[sub / per_axis]);
-        let mut out = [0.0; 3];
-        for (c, o) in out.iter_mut().enumerate() {
-            let plane = &u[self.face[c]..self.face[c] + self.plane];
-            for (b, wy) in wy.iter().enumerate() {
-                let row = &plane[(cell[1] + b) * self.cx + cell[0]..][..3];
-                *o +=
-                    wy * (wx[0] * f64::from(row[0]) + wx[1] * f64::from(row[1]) + wx[2] * f64::from(row[2]));
-            }
-        }
-        DVec3::from_array(out)
-    }
-
-    fn spread(&self, out: &mut [f32], cell: [usize; 2], sub: usize, v: DVec3) {
-        let per_axis = self.lattice.per_axis;
-        let (wx, wy) = (&self.weights[sub % per_axis], &self.weights[sub / per_axis]);
-        for (c, v) in v.to_array().iter().enumerate() {
-            let plane = &mut out[self.face[c]..self.face[c] + self.plane];
-            for (b, wy) in wy.iter().enumerate() {
-                let row = &mut plane[(cell[1] + b) * self.cx + cell[0]..][..3];
-                for (o, wx) in row.iter_mut().zip(wx) {
-                    *o += (v * wx * wy) as f32;
-                }
-            }
-        }
-    }
-
     /// Least gap of the face at rest, mm; infinite when the indenter is far away.
     pub fn least_gap(&self, indenter: &dyn Indenter, pose: &Pose) -> f64 {
         let [hx, hy] = indenter.half_extent_mm();
@@ -239,102 +187,9 @@ impl Contacts {
         least
     }
 
-    /// Evaluates forces and stiffness of every point at displacement `u`.
-    pub fn linearise(&mut self, indenter: &dyn Indenter, pose: &Pose, u: &[f32]) {
-        self.reach(indenter, pose, u);
-        let mut active = std::mem::take(&mut self.active);
-        active.clear();
-        let mut samples = std::mem::take(&mut self.samples);
-        let at = Place::of(indenter, pose);
-        let points = samples.par_iter_mut().with_min_len(FEW);
-        active.par_extend(points.filter_map(|s| self.linearised(s, &at, u)));
-        self.samples = samples;
-        self.active = active;
-    }
-
-    /// Looks at a point at displacement `u`, and tells what it exchanges, if anything.
-    fn linearised(&self, s: &mut Sample, at: &Place<'_>, u: &[f32]) -> Option<Active> {
-        let (k, kt) = (self.stiffness, self.tangential);
-        let moved = self.value(u, s.cell, s.sub);
-        let p = at.in_indenter(s.rest + moved);
-        s.seen = p;
-        s.pressure = 0.0;
-        s.gap = f64::INFINITY;
-        // A multiplier acts across a small gap.
-        let reach = s.multiplier / k;
-        let [hx, hy] = at.half_extent_mm;
-        let near = p.z >= -reach && p.x.abs() <= hx + reach && p.y.abs() <= hy + reach;
-        let held = s.loaded;
-        let known = held || s.anchor.is_some() || s.pushed_by.is_some();
-        if (self.bilateral || !near) && !known {
-            return None;
-        }
-        let (gap, normal) = match s.pushed_by {
-            Some(side) => (side.gap(p), side.normal),
-            None => at.indenter.distance_and_normal(p),
-        };
-        s.gap = gap;
-        s.pressure = s.multiplier - k * gap;
-        let pulls = self.bilateral && held;
-        if !pulls && (s.pressure <= 0.0 || self.bilateral) {
-            s.pressure = 0.0;
-        }
-        if s.pressure == 0.0 && s.anchor.is_none_or(|a| a.bound == 0.0) {
-            return None;
-        }
-        // Normal part: p n, with stiffness k n n^T.
-        let mut force = normal * s.pressure;
-        let mut matrix = [0.0; 6];
-        if s.pressure != 0.0 {
-            add_outer(&mut matrix, normal, k);
-        }
-        if let Some(anchor) = &s.anchor {
-            // Tangential traction, capped: stiffness kt (I - n n^T) while it sticks, else the cap's own.
-            let trial = anchor.trial(p, kt);
-            let length = trial.length();
-            let part = if length >= anchor.bound { anchor.bound / length.max(1e-12) } else { 1.0 };
-            force += trial * part;
-            for v in [DVec3::X, DVec3::Y, DVec3::Z] {
-                add_outer(&mut matrix, anchor.side.along(v), part * kt);
-            }
-            if part < 1.0 {
-                add_outer(&mut matrix, trial / length, -part * kt);
-            }
-        }
-        Some(Active {
-            cell: s.cell,
-            sub: s.sub,
-            force: at.to_pad(force) * s.area,
-            position: s.rest + moved,
-            stiffness: rotate(&matrix, at.sin, at.cos).map(|v| v * s.area),
-            normal: at.to_pad(normal),
-        })
-    }
-
     /// Whether points that carried pressure pull as well as push, and no others act.
     pub fn set_bilateral(&mut self, bilateral: bool) {
         self.bilateral = bilateral;
-    }
-
-    /// Subtracts the contact forces from a residual.
-    pub fn subtract_forces(&self, r: &mut [f32]) {
-        for a in &self.active {
-            self.spread(r, a.cell, a.sub, -a.force);
-        }
-    }
-
-    /// Adds the contact stiffness times `d`.
-    pub fn apply(&self, d: &[f32], out: &mut [f32]) {
-        for a in &self.active {
-            let v = self.value(d, a.cell, a.sub);
-            let k = &a.stiffness;
-            let f = DVec3::new(
-                k[0] * v.x + k[3] * v.y + k[4] * v.z,
-                k[3] * v.x + k[1] * v.y + k[5] * v.z,
-                k[4] * v.x + k[5] * v.y + k[2] * v.z,
-            );
-            self.spread(out, a.cell, a.sub, f);
-        }
     }
 
     /// Chooses anew by what side each deep point is pushed out. During a solve that stays: where the force of a point
@@ -395,110 +250,4 @@ impl Contacts {
         self.samples.clear();
         self.window = Window::default();
     }
-
-    /// Sum of contact forces on the pad, N, and their torque about z through the pose, N mm.
-    pub fn resultant(&self, pose: &Pose) -> (DVec3, f64) {
-        let mut force = DVec3::ZERO;
-        let mut torque = 0.0;
-        for a in &self.active {
-            force += a.force;
-            torque += (a.position.x - pose.x_mm) * a.force.y - (a.position.y - pose.y_mm) * a.force.x;
-        }
-        (force, torque)
-    }
-
-    /// Distance of what is pressed from the indenter's axis, weighed by the pressure, mm.
-    pub fn arm_mm(&self, pose: &Pose) -> f64 {
-        let (mut sum, mut force) = (0.0, 0.0);
-        for a in &self.active {
-            sum += a.force.z.abs() * (a.position.x - pose.x_mm).hypot(a.position.y - pose.y_mm);
-            force += a.force.z.abs();
-        }
-        if force > 0.0 { sum / force } else { 0.0 }
-    }
-
-    /// Root mean square of the penetration at the corners of loaded cells, between the sample points, mm.
-    pub fn penetration_between(&self, indenter: &dyn Indenter, pose: &Pose, u: &[f32]) -> f64 {
-        let (mut sum, mut n) = (0.0, 0);
-        let corners = [[1.0, 0.0], [0.0, 1.0]].map(|[a, b]: [f64; 2]| [0.5 * a, 0.5, 0.5 * b]);
-        let half = self.lattice.area_mm2.sqrt() * self.lattice.per_axis as f64 / 2.0;
-        let count = self.lattice.per_cell();
-        for cell in self.samples.chunks(count).filter(|cell| cell.iter().any(|s| s.pressure > 0.0)) {
-            let s = &cell[0];
-            let middle = cell.iter().map(|s| s.rest).sum::<DVec3>() / count as f64;
-            for (x, wx) in corners.iter().enumerate() {
-                for (y, wy) in corners.iter().enumerate() {
-                    let side = |k: usize| if k == 0 { -half } else { half };
-                    let mut p = middle + DVec3::new(side(x), side(y), 0.0);
-                    if let Some(chart) = &self.lattice.chart {
-                        p.z = chart.height_mm(p.x, p.y);
-                    }
-                    let mut moved = [0.0; 3];
-                    for (c, o) in moved.iter_mut().enumerate() {
-                        for b in 0..3 {
-                            for a in 0..3 {
-                                let at = self.face[c] + (s.cell[1] + b) * self.cx + s.cell[0] + a;
-                                *o += wx[a] * wy[b] * f64::from(u[at]);
-                            }
-                        }
-                    }
-                    p += DVec3::from_array(moved);
-                    sum += indenter.distance(pose.to_indenter(p)).min(0.0).powi(2);
-                    n += 1;
-                }
-            }
-        }
-        if n == 0 { 0.0 } else { (sum / f64::from(n)).sqrt() }
-    }
-
-    /// Part of the loaded cells that lie at the rim of the contact: 1 where it is nowhere wider than two cells.
-    pub fn rim_part(&self) -> f64 {
-        let cells = self.samples.chunks(self.lattice.per_cell());
-        let loaded: Vec<bool> = cells.map(|cell| cell.iter().any(|s| s.pressure > 0.0)).collect();
-        let nx = self.window.width();
-        let (mut rim, mut all) = (0, 0);
-        for n in (0..loaded.len()).filter(|n| loaded[*n]) {
-            let within = (1..nx - 1).contains(&(n % nx)) && (nx..loaded.len() - nx).contains(&n);
-            let inside = within && [n - 1, n + 1, n - nx, n + nx].iter().all(|n| loaded[*n]);
-            rim += usize::from(!inside);
-            all += 1;
-        }
-        if all == 0 { 0.0 } else { rim as f64 / all as f64 }
-    }
-
-    /// How far the indenter reaches below the face at rest, mm: on a flat one, the depth of its pose.
-    pub fn depth_mm(&self, indenter: &dyn Indenter, pose: &Pose) -> f64 {
-        if self.lattice.chart.is_none() {
-            return pose.depth_mm();
-        }
-        let below = |rest: DVec3| {
-            let p = pose.to_indenter(rest);
-            indenter.lower_surface(p.x, p.y).map_or(0.0, |lower| p.z - lower)
-        };
-        self.lattice.under(indenter, pose).map(below).fold(0.0, f64::max)
-    }
-
-    /// Rest positions of the points that carry pressure.
-    pub fn touching_points(&self) -> impl Iterator<Item = DVec3> + '_ {
-        self.samples.iter().filter(|s| s.pressure > 0.0).map(|s| s.rest)
-    }
-}
-
-fn add_outer(m: &mut [f64; 6], v: DVec3, k: f64) {
-    for (m, p) in m.iter_mut().zip([v.x * v.x, v.y * v.y, v.z * v.z, v.x * v.y, v.x * v.z, v.y * v.z]) {
-        *m += k * p;
-    }
-}
-
-/// Turns a symmetric matrix about z.
-fn rotate(m: &[f64; 6], s: f64, c: f64) -> [f64; 6] {
-    let [xx, yy, zz, xy, xz, yz] = *m;
-    [
-        c * c * xx - 2.0 * c * s * xy + s * s * yy,
-        s * s * xx + 2.0 * c * s * xy + c * c * yy,
-        zz,
-        c * s * (xx - yy) + (c * c - s * s) * xy,
-        c * xz - s * yz,
-        s * xz + c * yz,
-    ]
 }

@@ -6,7 +6,8 @@
 //! pressure is: the face without any traction is smooth and taken from the splines, and the layer's answer is found anew with
 //! every covered point where the indenter holds it.
 
-use super::{CLOSE_MM, SMOOTH, Splined, Window, is_covered, smooth};
+use super::settle::CLOSE_MM;
+use super::{SMOOTH, Splined, Window, is_covered, smooth};
 use crate::elastomer::Surface;
 use crate::elastomer::quasi_static::contact::Grip;
 use crate::elastomer::quasi_static::shear::ShearCompliance;

@@ -1,5 +1,6 @@
 use super::super::tests::{pad, settings};
 use super::super::{Body, QuasiStaticSolver, Resolution};
+use super::settle::CLOSE_MM;
 use super::*;
 use crate::elastomer::{Elastomer, Friction, Law};
 use crate::indenter::spec::{Plan, Shape};
