@@ -29,6 +29,7 @@ pub mod cholesky;
 mod coated;
 mod compliance;
 pub mod contact;
+mod fields;
 mod fold;
 pub mod frames;
 pub mod grid;

@@ -5,15 +5,17 @@
 //! directional derivative makes the iteration safe (Nocedal and Wright, chapters 3 and 7). Directions of
 //! negative curvature end the inner iteration.
 
+mod search;
+
 use super::super::interrupt::Interrupt;
 use super::contact::Contacts;
+use super::fields::{add_scaled, dot, in_runs};
 use super::frames::Frames;
 use super::layer::RestLayer;
 use super::operator::{Evaluation, LEAST_VOLUME, Operator, Tangent};
 use super::springs::{FaceGreen, Springs};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
-use rayon::prelude::*;
 
 /// Newton iterations before a solve is given up.
 const MOST_ITERATIONS: u32 = 40;
@@ -26,11 +28,6 @@ const PART_OF_GOAL: f64 = 0.5;
 const PREDICTED: f64 = 0.2;
 /// Tangent applications in one Newton iteration.
 const MOST_PASSES: u32 = 150;
-
-/// Numbers of a field that one thread goes over at a time.
-const RUN: usize = 4096;
-/// Numbers that are gone over before another thread that is awake has begun.
-const SHORT: usize = 4 * RUN;
 
 /// The parts of a solver that do not change.
 #[derive(Debug)]
@@ -275,65 +272,6 @@ impl Newton {
             in_runs(&mut self.p, &self.z, |p, z| *p = z + beta * *p);
         }
     }
-
-    /// Moves `u` along the step to where the directional derivative has fallen enough.
-    fn search(&mut self, problem: &Problem<'_>, contacts: &mut Contacts, u: &mut Vec<f32>) -> Option<State> {
-        let slope0 = dot(&self.residual, &self.step);
-        let norm0 = dot(&self.residual, &self.residual);
-        let (mut low, mut slope_low, mut high) = (0.0, slope0, None::<(f64, f64)>);
-        let mut moved_low = false;
-        let mut alpha = 1.0;
-        let mut trial = std::mem::take(&mut self.trial);
-        let mut trial_elastic = std::mem::take(&mut self.trial_elastic);
-        let mut trial_residual = std::mem::take(&mut self.trial_residual);
-        let mut found = None;
-        for attempt in 0..12 {
-            trial.clear();
-            trial.extend(u.iter().zip(&self.step).map(|(u, s)| u + alpha as f32 * s));
-            let state = self.measure(problem, contacts, &trial, &mut trial_elastic, &mut trial_residual);
-            if !state.valid() {
-                high = None;
-                alpha = low + 0.4 * (alpha - low);
-                continue;
-            }
-            let slope = dot(&trial_residual, &self.step);
-            let norm = dot(&trial_residual, &trial_residual);
-            // A full step that does not overshoot is good; a shorter one must have come near the minimum.
-            let short = if attempt == 0 { 1.0 } else { 0.7 };
-            let inside = slope <= 0.5 * slope0.abs() && slope >= short * slope0;
-            let done = inside || (attempt == 0 && norm < 0.25 * norm0);
-            if done || attempt == 11 {
-                found = Some(state);
-                break;
-            }
-            // Regula falsi in the Illinois form: an end that stays halves its weight.
-            if slope < 0.0 {
-                if let (Some((_, s)), true) = (&mut high, moved_low) {
-                    *s *= 0.5;
-                }
-                (low, slope_low, moved_low) = (alpha, slope, true);
-            } else {
-                if high.is_some() && !moved_low {
-                    slope_low *= 0.5;
-                }
-                high = Some((alpha, slope));
-                moved_low = false;
-            }
-            alpha = match high {
-                None => (2.0 * alpha).min(8.0),
-                Some((h, s)) => low + (h - low) * (slope_low / (slope_low - s)).clamp(0.05, 0.95),
-            };
-        }
-        if found.is_some() {
-            std::mem::swap(u, &mut trial);
-            std::mem::swap(&mut self.elastic, &mut trial_elastic);
-            std::mem::swap(&mut self.residual, &mut trial_residual);
-        }
-        self.trial = trial;
-        self.trial_elastic = trial_elastic;
-        self.trial_residual = trial_residual;
-        found
-    }
 }
 
 /// Internal forces at `u` in `elastic`, without those that the base bears.
@@ -389,44 +327,5 @@ impl State {
     /// Whether all points have volume and all forces are numbers.
     pub fn valid(&self) -> bool {
         self.strain.evaluation.least_volume > LEAST_VOLUME && self.relative.is_finite()
-    }
-}
-
-/// Dot product: single precision in runs of 256, double beyond; the order is fixed.
-pub fn dot(a: &[f32], b: &[f32]) -> f64 {
-    let chunk = |(a, b): (&[f32], &[f32])| -> f64 {
-        a.chunks(256)
-            .zip(b.chunks(256))
-            .map(|(a, b)| {
-                let mut lanes = [0.0f32; 16];
-                let (ha, hb) = (a.chunks_exact(16), b.chunks_exact(16));
-                let rest: f32 = ha.remainder().iter().zip(hb.remainder()).map(|(x, y)| x * y).sum();
-                for (x, y) in ha.zip(hb) {
-                    for l in 0..16 {
-                        lanes[l] += x[l] * y[l];
-                    }
-                }
-                lanes.iter().map(|v| f64::from(*v)).sum::<f64>() + f64::from(rest)
-            })
-            .sum()
-    };
-    if a.len() <= SHORT {
-        return a.chunks(RUN).zip(b.chunks(RUN)).map(chunk).sum();
-    }
-    let parts: Vec<f64> = a.par_chunks(RUN).zip(b.par_chunks(RUN)).map(chunk).collect();
-    parts.iter().sum()
-}
-
-fn add_scaled(y: &mut [f32], x: &[f32], a: f32) {
-    in_runs(y, x, |y, x| *y += a * x);
-}
-
-/// Does something to every number of a field, with that of another.
-fn in_runs(y: &mut [f32], x: &[f32], change: impl Fn(&mut f32, &f32) + Sync) {
-    let run = |(y, x): (&mut [f32], &[f32])| y.iter_mut().zip(x).for_each(|(y, x)| change(y, x));
-    if y.len() <= SHORT {
-        run((y, x));
-    } else {
-        y.par_chunks_mut(RUN).zip(x.par_chunks(RUN)).for_each(run);
     }
 }

@@ -1,6 +1,7 @@
 //! Pads that are not flat, and pads with a skin.
 
 use super::super::chart::Chart;
+use super::elastic::{off_difference, wavy};
 use super::*;
 use crate::elastomer::Coating;
 use glam::DVec2;
@@ -128,7 +129,7 @@ fn forces_over_bent_and_coated_grids_are_the_derivative_of_their_energy_and_the_
             });
             let mut here = vec![0.0; n];
             operator.evaluate(&u, &mut here, &mut tangent);
-            let work = newton::dot(&here, &d);
+            let work = fields::dot(&here, &d);
             let found = (energies[1] - energies[0]) / (2.0 * f64::from(eps));
             assert!((found - work).abs() < 2e-3 * work.abs(), "{law:?} {shape:?}: {found} {work}");
             let mut along = vec![0.0; n];
