@@ -69,6 +69,7 @@ use relief::Splined;
 pub use resolution::Resolution;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use underside::Underside;
 
 /// Likeness of coating and bulk ([`Body::evenness`], squared) below which the relief has nothing to say of forces.
 const LEAST_ALIKE: f64 = 0.1;
@@ -96,6 +97,8 @@ pub struct QuasiStaticSolver {
     path: Vec<Pose>,
     pad: Body,
     indenter: Arc<dyn Indenter>,
+    /// From which depth to which its force in relief comes to say nothing, mm.
+    force_fades_mm: [f64; 2],
     interrupt: Interrupt,
     /// Newton iterations and tangent applications of levels that are no more.
     spent: [u64; 2],
@@ -150,7 +153,9 @@ impl QuasiStaticSolver {
             let level = pad.level(resolution, *start, n + 1 < cascade.len());
             levels.push(Step::after(&levels, level));
         }
+        let underside = Underside::of(indenter.as_ref(), pad.size_mm);
         let mut solver = Self {
+            force_fades_mm: relief::force_fades_mm(&underside, pad.size_mm[2]),
             levels,
             unrefined: None,
             vain_mm: None,
@@ -199,8 +204,8 @@ impl QuasiStaticSolver {
         let vain_before_mm = self.vain_mm;
         let mut ended = self.go(pose, usual);
         self.refine(&mut ended, pose)?;
-        self.fall_back(&mut ended, pose)?;
-        self.try_between(&ended, pose)?;
+        let fallen_back = self.fall_back(&mut ended, pose)?;
+        self.try_between(&ended, pose, fallen_back)?;
         if let (Err(Error::NotConverged { advice, .. }), Some(doubt)) = (&mut ended, self.pad.doubt()) {
             *advice = format!("{doubt}; or, {advice}");
         }
@@ -237,7 +242,9 @@ impl QuasiStaticSolver {
         };
         let trust = self.trust_in_relief();
         let grip = level.grip().filter(|_| trust > 0.0);
-        let [mx, my] = grip.as_ref().map_or(times, |grip| relief::finer_to_hold(grip, [nx, ny], times));
+        let [mx, my] = grip
+            .as_ref()
+            .map_or(times, |grip| relief::finer_to_hold(grip, level.straight_down(), [nx, ny], times));
         let mut capture = level.capture(indenter, mx * (nx - 1) + 1, my * (ny - 1) + 1)?;
         let loads = level.loads();
         let splined = Splined {
@@ -255,7 +262,8 @@ impl QuasiStaticSolver {
         });
         let relieved = relief.is_some();
         if let Some(relief) = relief.filter(|_| trust > 0.0) {
-            let part = 1.0 + trust * (relief.force_n / splined.force_n - 1.0);
+            let of_force = trust * relief::left_at(level.depth_mm(indenter), self.force_fades_mm);
+            let part = 1.0 + of_force * (relief.force_n / splined.force_n - 1.0);
             let more = trust * level.trust_in_grip();
             capture.forces = capture.forces.times(part);
             for (force_n, borne) in capture.forces.shear_force_n.iter_mut().zip(relief.borne.force_n) {
@@ -318,6 +326,7 @@ impl Elastomer for QuasiStaticSolver {
             path: self.path.clone(),
             pad: self.pad.clone(),
             indenter: Arc::clone(&self.indenter),
+            force_fades_mm: self.force_fades_mm,
             interrupt: self.interrupt.clone(),
             spent: [0; 2],
         })

@@ -118,22 +118,15 @@ impl QuasiStaticSolver {
         Some((worthwhile * self.wanted?).min(UNRESOLVED))
     }
 
-    /// Whether the way to `pose` drags the face along.
-    fn drags(&self, pose: &Pose) -> bool {
-        let from = self.finest().pose();
-        let goes = (pose.x_mm, pose.y_mm, pose.theta_deg) != (from.x_mm, from.y_mm, from.theta_deg);
-        goes && self.pad.friction != Friction::Coefficient(0.0) && !self.finest().at_rest()
-    }
-
-    /// Follows the way since rest with the levels that it was begun with, where finer ones have `ended` without an equilibrium in a
-    /// drag to `pose`. When they find none either, or come through an answer that is none, all is as it was.
+    /// Follows the way since rest with the levels that it was begun with, where finer ones have `ended` without an equilibrium on the
+    /// way to `pose`, and tells whether these have found one. When they find none either, or come through an answer that is none, all
+    /// is as it was.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
-    pub(super) fn fall_back(&mut self, ended: &mut Result<(), Error>, pose: &Pose) -> Result<(), Error> {
-        if !matches!(ended, Err(Error::NotConverged { .. })) || self.unrefined.is_none() || !self.drags(pose)
-        {
-            return Ok(());
+    pub(super) fn fall_back(&mut self, ended: &mut Result<(), Error>, pose: &Pose) -> Result<bool, Error> {
+        if !matches!(ended, Err(Error::NotConverged { .. })) || self.unrefined.is_none() {
+            return Ok(false);
         }
         let finer: Vec<Step> = self.levels.iter().map(Step::fork).collect();
         let resolution = self.resolution;
@@ -143,7 +136,14 @@ impl QuasiStaticSolver {
             self.go(p, &FINEST)?;
             self.resolved(p)
         });
-        match again.and_then(|()| self.go(pose, &FINEST)) {
+        let mut found = again.and_then(|()| self.go(pose, &FINEST));
+        if matches!(found, Err(Error::NotConverged { .. }))
+            && self.finest().straight_down()
+            && let Some(between) = self.between(resolution.cell_mm)
+        {
+            found = self.again_finer(between, pose, [UNRESOLVED, f64::INFINITY]).map(|_| ());
+        }
+        match found {
             Err(stopped @ Error::Interrupted) => return Err(stopped),
             // (Wider than what was in vain before: that was finer than these.)
             Ok(()) => (*ended, self.vain_mm) = (Ok(()), Some(resolution.cell_mm)),
@@ -152,34 +152,48 @@ impl QuasiStaticSolver {
                 self.resolution = resolution;
             }
         }
-        Ok(())
+        Ok(ended.is_ok())
     }
 
-    /// Follows the way since rest with the next finer cells, where a drag with friction has ended in an answer that is none, and finer
-    /// ones than these were in vain. When they find no equilibrium either, all is as it was. (A crescent that turns with friction 0.5:
-    /// cells of 0.25 mm find no equilibrium at 15 degrees, over those of 0.42 mm it is drawn through the face at 30, with those of 0.31
-    /// it turns on.)
+    /// Follows the way since rest with the next finer cells, where finer ones than these were in vain, and a drag with friction has ended
+    /// in an answer that is none, or a press that has just `fallen_back` states too much. When they find no equilibrium either, all is as it
+    /// was. (A crescent that turns with friction 0.5: cells of 0.25 mm find no equilibrium at 15 degrees, over those of 0.42 mm it is drawn
+    /// through the face at 30, with those of 0.31 it turns on. Parallel lines that cells of 0.25 mm were taken for 0.5 mm deep find an
+    /// equilibrium 1 mm deep over those of 0.42 and 0.31 mm.)
     ///
     /// # Errors
     /// [`Error::Interrupted`].
-    pub(super) fn try_between(&mut self, ended: &Result<(), Error>, pose: &Pose) -> Result<(), Error> {
-        let rubs = self.pad.friction != Friction::Coefficient(0.0) && !self.finest().straight_down();
-        let (true, true, None, Some(vain_mm)) = (ended.is_ok(), rubs, &self.unrefined, self.vain_mm) else {
+    pub(super) fn try_between(
+        &mut self,
+        ended: &Result<(), Error>,
+        pose: &Pose,
+        fallen_back: bool,
+    ) -> Result<(), Error> {
+        let (true, None, Some(vain_mm)) = (ended.is_ok(), &self.unrefined, self.vain_mm) else {
             return Ok(());
         };
-        let next = self.resolution.next_finer(self.pad.size_mm);
-        let Some(next) = next.filter(|next| next.cell_mm > vain_mm + ROUNDING_MM) else { return Ok(()) };
-        let stated = self.stated_error(UNRESOLVED);
-        if stated <= UNRESOLVED {
+        let enough = match self.finest().straight_down() {
+            true if fallen_back => self.acceptable(),
+            false if self.pad.friction != Friction::Coefficient(0.0) => Some(UNRESOLVED),
+            _ => None,
+        };
+        let (Some(enough), Some(next)) = (enough, self.between(vain_mm)) else { return Ok(()) };
+        let stated = self.stated_error(enough);
+        if stated <= enough {
             return Ok(());
         }
-        match self.again_finer(next, pose, [UNRESOLVED, stated]) {
+        match self.again_finer(next, pose, [enough, stated]) {
             Err(stopped @ Error::Interrupted) => return Err(stopped),
             // The coarser answer states its error.
             Err(_) => self.vain_mm = Some(next.cell_mm),
             Ok(_) => (),
         }
         Ok(())
+    }
+
+    /// The next finer cells, if they are wider than those that were in vain.
+    fn between(&self, vain_mm: f64) -> Option<Resolution> {
+        self.resolution.next_finer(self.pad.size_mm).filter(|next| next.cell_mm > vain_mm + ROUNDING_MM)
     }
 
     /// Back to the levels of the beginning, at rest.

@@ -12,6 +12,7 @@ mod misfit;
 mod settle;
 mod smooth;
 mod surroundings;
+mod trust;
 mod window;
 
 pub use self::grip::{Borne, finer_to_hold};
@@ -19,6 +20,7 @@ use self::misfit::misfit_mm;
 use self::settle::settle;
 use self::smooth::smooth;
 use self::surroundings::{bent, is_covered, neighbours, part_below};
+pub use self::trust::{force_fades_mm, left_at};
 use self::window::Window;
 pub use self::window::{finer, lattice};
 use super::body::Body;

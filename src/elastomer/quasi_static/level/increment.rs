@@ -20,7 +20,7 @@ const QUICK_REDUCTION: f64 = 0.5;
 /// anchors are told half way decides where points stick, by which the force of a sphere pressed 1 mm scatters by 0.5 % and its face
 /// by 2 um, whatever the cells; with such rounds both come nearer with every refinement, for half as much time again. Drags are no
 /// nearer for twice the time.
-const SHARP_RESIDUAL: f64 = 1e-3;
+pub(super) const SHARP_RESIDUAL: f64 = 1e-3;
 /// Difference between the base's reaction and the contact force, over that force, with which an increment may end.
 const LARGEST_IMBALANCE: f64 = 1e-3;
 /// Part of the depth by which the sides of a press that are each other's image may differ before it is solved to less residual, and

@@ -267,18 +267,18 @@ fn with_and_without_relief(depth_mm: f64, body: &Arc<dyn Indenter>) -> [[f64; 2]
 
 #[test]
 fn a_press_through_a_third_of_the_pad_comes_to_have_the_forces_of_the_splines() {
-    // The pad is 4 mm thick: from a quarter of that on the layer below the relief is no longer a linear one.
+    // The pad is 4 mm thick: from an eighth of that on the force, from a quarter the stated error.
     let punch = flat(Plan::Disc { diameter_mm: 6.0 }, 0.0);
     let more = |depth_mm: f64| {
         let [with, without] = with_and_without_relief(depth_mm, &punch);
         [0, 1].map(|k| with[k] / without[k] - 1.0)
     };
-    let [all, some, little] = [0.98, 1.2, 1.38].map(more);
-    for k in 0..2 {
-        assert!(all[k].abs() > 3e-3, "{all:?}");
-        assert!((some[k] / all[k] - 0.5).abs() < 0.25, "{some:?} {all:?}");
-        assert!((little[k] / all[k] - 0.05).abs() < 0.05, "{little:?} {all:?}");
-    }
+    let [shallow, all, some, little] = [0.45, 0.98, 1.2, 1.38].map(more);
+    assert!(shallow[0].abs() > 3e-3 && all[0].abs() < 2e-3, "{shallow:?} {all:?}");
+    assert!(some[0] == 0.0 && little[0] == 0.0, "{some:?} {little:?}");
+    assert!(all[1].abs() > 3e-3, "{all:?}");
+    assert!((some[1] / all[1] - 0.5).abs() < 0.25, "{some:?} {all:?}");
+    assert!((little[1] / all[1] - 0.05).abs() < 0.05, "{little:?} {all:?}");
     let [with, without] = with_and_without_relief(1.41, &punch);
     assert_eq!(with, without);
 }
