@@ -16,6 +16,7 @@
 //! Where this does not apply (glossy coatings, mesh lights, thin lenses, baffles, domes) it refuses with [`Error::NotFast`], and the
 //! [imager](super::imager) falls back to the reference mode, which renders all of them.
 
+mod alike;
 mod bounce;
 mod cover;
 mod crease;
@@ -54,6 +55,7 @@ mod suited;
 mod tables;
 mod tilt;
 mod toward;
+mod traced;
 mod traces;
 mod unseen;
 pub(super) mod vector;

@@ -17,6 +17,7 @@ use super::basis::BasisError;
 use super::{Error, Film, LightBasis, Scene, bsdf::Lobe, bsdf::refract, sampler::Sampler, to_pad};
 use glam::{DVec3, Vec3};
 use noise::Traced;
+pub use path::Known;
 use path::Path;
 use prepared::Prepared;
 use rayon::prelude::*;
@@ -101,6 +102,13 @@ impl Renderer {
         (basis, error)
     }
 
+    /// What bounces to a diffuse pad and on to the camera, without the light that comes straight from lights, where the light that
+    /// leaves the pad is `known` already: a path ends there, which leaves far less noise than there is in a picture.
+    pub fn bounced(&self, settings: &Settings, known: &Known<'_>) -> Film {
+        let paths = || Path::of_bounces(&self.prepared, known);
+        self.traced_by(paths, settings, 1, |_| 0).0.swap_remove(0).picture
+    }
+
     fn traced_lights(&self, settings: &Settings) -> Vec<Traced> {
         self.traced(settings, self.prepared.emitters.len(), |light| light).0
     }
@@ -140,6 +148,17 @@ impl Renderer {
         films: usize,
         film_of: impl Fn(usize) -> usize + Sync,
     ) -> (Vec<Traced>, u64) {
+        self.traced_by(|| Path::new(&self.prepared), settings, films, film_of)
+    }
+
+    /// The same along other paths.
+    fn traced_by<'a>(
+        &'a self,
+        paths: impl Fn() -> Path<'a> + Sync,
+        settings: &Settings,
+        films: usize,
+        film_of: impl Fn(usize) -> usize + Sync,
+    ) -> (Vec<Traced>, u64) {
         let camera = &self.prepared.camera;
         let (width, height) = (camera.width, camera.height);
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
@@ -147,7 +166,7 @@ impl Renderer {
         let tiles: Vec<(Vec<[DVec3; 2]>, u64)> = (0..columns * rows)
             .into_par_iter()
             .map(|tile| {
-                let mut path = Path::new(&self.prepared);
+                let mut path = paths();
                 let mut sums = Vec::new();
                 for (x, y) in pixels_of(tile, columns, width, height) {
                     let sampler = Sampler::new(settings.seed, x as u32, y as u32, samples);

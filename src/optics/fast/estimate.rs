@@ -104,6 +104,8 @@ const STEEP_ERROR: [f64; 2] = [0.01, 0.15];
 /// that is more. Light goes to and fro between them. (Parallel lines 0.5 and 1 mm deep are 0.49 and 0.90 % off.)
 const GROOVE_ERROR: f64 = 0.08;
 const RIMS_ERROR: f64 = 0.011;
+/// The part of that which is left once what bounces was traced: light that comes straight through slits between flanks.
+const STRAIGHT_PART: f64 = 0.5;
 /// What a press adds that ends beyond the picture, for 1 mm all around: light bounces only once off flanks there. (A slab of 14 mm, 1 mm
 /// deep, ends beyond the GelSight's view: 0.44 % off.)
 const BEYOND_ERROR: f64 = 0.004;
@@ -165,7 +167,7 @@ impl Precomputed {
 
 impl Renderer<'_> {
     /// The same pad, rendered otherwise.
-    fn with_effort(&self, effort: Effort) -> Self {
+    pub(super) fn with_effort(&self, effort: Effort) -> Self {
         let heights = Heights::of(&self.mesh, self.lattice, effort.cells);
         Self {
             once: self.once,
@@ -204,6 +206,22 @@ impl Renderer<'_> {
     /// give back; pixels over creases are means of a few pieces, and their variance tells the error of the mean. The
     /// constants were found by comparing with the reference (see the tests).
     pub(super) fn estimated_error(&self, pictures: &frame::Pictures, lit: Lit, effort: &Effort) -> f64 {
+        self.error_but_for(pictures, lit, effort, None)
+    }
+
+    /// The same of a picture whose bounced light was traced, which is as far off as measured.
+    pub(super) fn error_of_traced(&self, pictures: &frame::Pictures, effort: &Effort, measured: f64) -> f64 {
+        self.error_but_for(pictures, Lit::ByAll, effort, Some(measured))
+    }
+
+    /// `traced` is the error of the bounced light, where that is known.
+    fn error_but_for(
+        &self,
+        pictures: &frame::Pictures,
+        lit: Lit,
+        effort: &Effort,
+        traced: Option<f64>,
+    ) -> f64 {
         // A picture without any light is rightly black: of lights that are off, or of parts that reflect nothing.
         if self.mean_light(pictures, lit) == Vec3::ZERO {
             return 0.0;
@@ -216,7 +234,7 @@ impl Renderer<'_> {
         };
         let shines = |light: usize| lit == Lit::ByAll || lit == Lit::By(light);
         let lights_in_effect = if lit == Lit::ByAll { self.once.lights_in_effect() } else { 1.0 };
-        let bounce = BOUNCE_ERROR * (of(&pictures.bounced) / n).sqrt() / mean;
+        let bounce = traced.unwrap_or(BOUNCE_ERROR * (of(&pictures.bounced) / n).sqrt() / mean);
         let spread = (of(&pictures.spread) / n).sqrt() / mean;
         let glow = GLOW_ERROR * (of(&pictures.glowed) / n).sqrt() / mean;
         let feet = (of(&pictures.feet) / n).sqrt() / mean;
@@ -228,6 +246,7 @@ impl Renderer<'_> {
         let steep = steep.max(rims);
         let groove = GROOVE_ERROR * pictures.steepness * pictures.steepness;
         let groove = groove.max(RIMS_ERROR * f64::from(self.heights.rims_per_mm()));
+        let groove = if traced.is_some() { STRAIGHT_PART * groove } else { groove };
         let beyond = BEYOND_ERROR * pictures.border_mm;
         let plate = if self.once.view.slab.is_some() { PLATE_ERROR } else { 0.0 };
         let mirrored = if self.once.has_lamps_below_plate() { MIRRORED_ERROR } else { 0.0 };

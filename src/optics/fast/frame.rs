@@ -59,6 +59,8 @@ pub struct Effort {
 pub struct Pictures {
     /// One, or one a light.
     pub films: Vec<Film>,
+    /// What a single picture is without what the press changes in the light that bounces; only of faces with grooves.
+    pub still: Option<Film>,
     /// Their means over all pixels.
     pub means: Vec<Vec3>,
     /// Sum over pixels and channels of the squares of what the bounce changed; this and what follows as in [`traces`](super::traces).
@@ -106,6 +108,7 @@ impl Frame<'_> {
         self.level = self.mean_level(&nodes);
         self.sided = self.sided(&nodes);
         let (mut films, mut shaded) = self.shade(&nodes);
+        let still = (self.effort.bounce && self.is_traced()).then(|| films[0].clone());
         let border = shaded.border(self.once.pixel_mm);
         let border_mm = border.uneven_mm(self.heights, |p| self.once.total.lift(p));
         let Rebound { bounced, echoed, glows } = match self.effort.bounce {
@@ -116,6 +119,7 @@ impl Frame<'_> {
         Pictures {
             means: films.iter().map(Film::mean).collect(),
             films,
+            still,
             bounced,
             echoed,
             steepness: shaded.steepness(|p| self.once.total.rest_normal(p)),
@@ -125,6 +129,14 @@ impl Frame<'_> {
             feet,
             spread: shaded.spread,
         }
+    }
+
+    /// Whether what bounces may have to be traced: where flanks face each other, of a single picture that no plate bends.
+    fn is_traced(&self) -> bool {
+        self.slots.films == 1
+            && self.effort.fine
+            && self.once.view.slab.is_none()
+            && self.heights.has_grooves()
     }
 
     /// What a light's irradiance counts for: the rms of its colours; alike for all where each has a picture of its own.

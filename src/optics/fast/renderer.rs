@@ -6,6 +6,7 @@ use super::horizon::Heights;
 use super::raster::{self, Projected};
 use super::slots::Slots;
 use super::suited::{lattice_of, lights_off_face, pad_of, same_but_pad_mesh, unsupported};
+use super::traced::Traced;
 use super::view::View;
 use super::{DIRECT_LIFT_MM, Precomputed};
 use crate::optics::basis::{BasisError, LightBasis};
@@ -15,6 +16,9 @@ use crate::wakeful::wakeful;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::sync::Arc;
+
+/// A picture whose error is this many times the tolerance has its bounced light traced, where flanks face each other.
+const TRACED_FROM: f64 = 1.6;
 
 /// A pad as the prepared sensor sees it.
 pub struct Renderer<'a> {
@@ -132,8 +136,19 @@ impl<'a> Renderer<'a> {
     /// The picture and what relRMSE to expect of it. Where that would be above the tolerance, and more work would help, more is
     /// done.
     pub fn render_with_error(&self) -> (Film, f64) {
-        let (mut pictures, _, error) = wakeful(|| self.within_tolerance(|pad| pad.pictures(1)));
-        (pictures.films.swap_remove(0), error)
+        wakeful(|| {
+            let (mut pictures, effort, error) = self.within_tolerance(|pad| pad.pictures(1));
+            let is_off = error > TRACED_FROM * self.tolerance;
+            let still = pictures.still.take().filter(|_| is_off);
+            let traced = still.and_then(|still| self.traced(&pictures.films[0], &still, effort));
+            match traced {
+                Some(Traced { film, error }) => {
+                    let error = self.error_of_traced(&pictures, &effort, error);
+                    (film, error)
+                }
+                None => (pictures.films.swap_remove(0), error),
+            }
+        })
     }
 
     /// One picture for each light of radiance 1, in the scene's order.
@@ -163,7 +178,7 @@ impl<'a> Renderer<'a> {
         self.pictures_of(self.once, films)
     }
 
-    fn pictures_of(&self, once: &Precomputed, films: usize) -> frame::Pictures {
+    pub(super) fn pictures_of(&self, once: &Precomputed, films: usize) -> frame::Pictures {
         let [columns, rows] = once.view.corners();
         let vertices = self.projected();
         let seen = Projected { lattice: self.lattice, vertices: &vertices, offset: 0.0 }.draw(columns, rows);
@@ -185,7 +200,7 @@ impl<'a> Renderer<'a> {
         let mut pictures = frame.render();
         let grain = once.grain;
         if grain > 1 {
-            pictures.films.iter_mut().for_each(|film| *film = film.shrunk(grain));
+            pictures.films.iter_mut().chain(&mut pictures.still).for_each(|film| *film = film.shrunk(grain));
             // Errors of neighbours average out over a pixel, changes do not.
             let once = (grain * grain) as f64;
             let scaled = |numbers: &mut [f64], part: f64| numbers.iter_mut().for_each(|n| *n /= part);

@@ -69,12 +69,22 @@ pub struct Path<'a> {
     closed: Vec<bool>,
     /// Rays traced so far.
     pub(super) rays: Cell<u64>,
+    /// The light that leaves the pad, where only what bounces is wanted.
+    known: Option<&'a Known<'a>>,
 }
+
+/// The radiance that leaves a point of the pad, where it is known.
+pub type Known<'a> = dyn Fn(Vec3) -> Option<Vec3> + Sync + 'a;
 
 impl<'a> Path<'a> {
     pub fn new(scene: &'a Prepared) -> Self {
         let n = scene.emitters.len();
-        Self { scene, choice: vec![0.0; n], closed: vec![false; n], rays: Cell::new(0) }
+        Self { scene, choice: vec![0.0; n], closed: vec![false; n], rays: Cell::new(0), known: None }
+    }
+
+    /// Paths that gather at their first point only what bounces there, and end where the light that leaves the pad is known.
+    pub fn of_bounces(scene: &'a Prepared, known: &'a Known<'a>) -> Self {
+        Self { known: Some(known), ..Self::new(scene) }
     }
 
     /// Rays traced so far, of all kinds.
@@ -109,6 +119,11 @@ impl<'a> Path<'a> {
             if event == scene.max_events {
                 return;
             }
+            let leaving = self.known.filter(|_| event > 0 && surfel.pad);
+            if let Some(light) = leaving.and_then(|known| known(surfel.hit.point)) {
+                add(0, throughput * light);
+                return;
+            }
             event += 1;
             let [pick, light_u, light_v, roulette] = sampler.group(index, 2 * event);
             let frame = Frame::new(surfel.normal);
@@ -116,7 +131,10 @@ impl<'a> Path<'a> {
             if wo.z <= 0.0 {
                 return;
             }
-            if !surfel.bsdf.is_specular() {
+            if self.known.is_some() && event == 1 {
+                // Of lights that the scattered ray hits all is told.
+                self.closed.fill(true);
+            } else if !surfel.bsdf.is_specular() {
                 let vertex = Vertex { surfel: &surfel, frame: &frame, wo, throughput, event, first };
                 first = false;
                 self.direct(&vertex, [pick, light_u, light_v], add);
