@@ -12,7 +12,11 @@
 //!    horizons are worked out at nodes a few pixels apart and interpolated ([`frame`], [`desk`], [`shade`]), but for
 //!    [`crease`]s, which are sampled.
 //!
-//! There are no random numbers in a frame, so no noise and no fireflies; a picture depends on scene and tolerance alone.
+//! 4. *Between flanks* that face each other one bounce is not enough: there a picture that is well above its tolerance has its
+//!    bounced light [traced] by a few paths, smoothed over what is [alike].
+//!
+//! Those paths' random numbers follow from the pixel, so a picture depends on scene and tolerance alone; in all other pictures there
+//! are none, so no noise and no fireflies.
 //! Where this does not apply (glossy coatings, mesh lights, thin lenses, baffles, domes) it refuses with [`Error::NotFast`], and the
 //! [imager](super::imager) falls back to the reference mode, which renders all of them.
 

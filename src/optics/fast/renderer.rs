@@ -134,7 +134,7 @@ impl<'a> Renderer<'a> {
     }
 
     /// The picture and what relRMSE to expect of it. Where that would be above the tolerance, and more work would help, more is
-    /// done.
+    /// done; where it still is well above, and flanks face each other, what bounces between them is traced.
     pub fn render_with_error(&self) -> (Film, f64) {
         wakeful(|| {
             let (mut pictures, effort, error) = self.within_tolerance(|pad| pad.pictures(1));
@@ -157,7 +157,7 @@ impl<'a> Renderer<'a> {
     }
 
     /// The same, and what relRMSE to expect of each, and of their sum in the scene's colours. More work is done where the
-    /// picture of all lights would take it, so that the sum is that picture.
+    /// picture of all lights would take it, so that the sum is that picture, but for bounced light that is traced there.
     pub fn basis_with_error(&self) -> (LightBasis, BasisError) {
         let names = self.once.fixed_scene.lights.iter().map(|l| l.name.clone()).collect();
         let (pictures, effort, together) = wakeful(|| self.within_tolerance(|pad| pad.light_by_light()));
