@@ -21,7 +21,7 @@ const UPRIGHT: f32 = 0.125;
 /// Of pixels that see parts of the pad farther apart, in quads, only the corners are looked at.
 const MOST_QUADS: usize = 64;
 
-impl Frame<'_> {
+impl<const N: usize> Frame<'_, N> {
     /// The quads of the lattice around these triangles, from and to along x and y; None where they are many, or none.
     pub fn quads(&self, triangles: &[u32]) -> Option<[usize; 4]> {
         let (nx, ny) = (self.nx - 1, self.vertices.len() / self.nx - 1);
@@ -40,7 +40,7 @@ impl Frame<'_> {
     }
 }
 
-impl Desk<'_> {
+impl<const N: usize> Desk<'_, N> {
     /// A pixel over a crease, or one whose corners see different things.
     #[inline(never)]
     pub fn mixed(&mut self, x: usize, y: usize, rectangle: Rectangle, steep: bool) {

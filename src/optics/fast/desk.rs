@@ -9,7 +9,7 @@ use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, lanes};
 use super::piece::Piece;
 use super::shade::Block;
 use super::slots::POSITION;
-use super::source::{COARSE, LINES};
+use super::source::coarse;
 use super::tilt::Parts;
 use super::toward::Toward;
 use crate::optics::{Albedo, Texture};
@@ -28,8 +28,8 @@ const JUMP: f32 = 0.5;
 const NOWHERE: f32 = 1e30;
 
 /// A row of blocks.
-pub struct Row<'a> {
-    pub frame: &'a Frame<'a>,
+pub struct Row<'a, const N: usize> {
+    pub frame: &'a Frame<'a, N>,
     pub nodes: &'a [f32],
     pub row: usize,
     pub cell_px: usize,
@@ -47,9 +47,9 @@ pub struct Row<'a> {
 pub type Rectangle = [usize; 4];
 
 /// Room for the work on a row.
-pub struct Desk<'a> {
-    pub frame: &'a Frame<'a>,
-    pub block: Block<'a>,
+pub struct Desk<'a, const N: usize> {
+    pub frame: &'a Frame<'a, N>,
+    pub block: Block<'a, N>,
     pub first: usize,
     pub width: usize,
     /// Coordinates of the corners, row by row, with one more on every side and room to read eight at the end.
@@ -100,7 +100,7 @@ enum Finer {
     Horizons,
 }
 
-impl Work for Row<'_> {
+impl<const N: usize> Work for Row<'_, N> {
     type Output = ();
 
     #[inline(always)]
@@ -170,7 +170,7 @@ impl Work for Row<'_> {
     }
 }
 
-impl Desk<'_> {
+impl<const N: usize> Desk<'_, N> {
     /// Where the numbers of a corner stand.
     #[inline(always)]
     fn at(&self, x: usize, y: usize) -> usize {
@@ -354,10 +354,10 @@ impl Desk<'_> {
                 continue;
             }
             let (mut departs, mut jumps) = (0.0, 0.0f32);
-            for k in (0..LINES).step_by(COARSE) {
+            for k in (0..N).step_by(coarse(N)) {
                 let line = match slots.varying() {
                     true => [0, 3].map(|end| vector(slots.line(l, k) + end)),
-                    false => source.line(k, LINES - 1, p).map(|end| end - p),
+                    false => source.line(k, N - 1, p).map(|end| end - p),
                 };
                 let sight = Toward::new(line);
                 let cut =

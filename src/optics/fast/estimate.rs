@@ -201,6 +201,11 @@ impl Renderer<'_> {
         }
     }
 
+    /// No picture of this pad is expected to be off by less, lit by anything: by its sharp rims alone.
+    pub(super) fn least_error(&self) -> f64 {
+        RIMS_ERROR * f64::from(self.heights.rims_per_mm())
+    }
+
     /// What relRMSE to expect. It follows from the picture itself: the light that flanks send each other is worked out with
     /// one bounce on a coarse raster, and a part of what that changed is taken for its error, as is a part of what walls
     /// give back; pixels over creases are means of a few pieces, and their variance tells the error of the mean. The
@@ -245,7 +250,7 @@ impl Renderer<'_> {
         let rims = if !effort.fine && self.heights.has_sharp_rims() { RIM_ERROR } else { 0.0 };
         let steep = steep.max(rims);
         let groove = GROOVE_ERROR * pictures.steepness * pictures.steepness;
-        let groove = groove.max(RIMS_ERROR * f64::from(self.heights.rims_per_mm()));
+        let groove = groove.max(self.least_error());
         let groove = if traced.is_some() { STRAIGHT_PART * groove } else { groove };
         let beyond = BEYOND_ERROR * pictures.border_mm;
         let plate = if self.once.view.slab.is_some() { PLATE_ERROR } else { 0.0 };

@@ -43,7 +43,7 @@ impl Facet {
 
 /// Fills a node for each piece, of which horizons alone: those of the largest piece that faces alike, and on what is tall those
 /// between its ends, for from the foot of a flank most of a light may be hidden, and nothing from its top.
-pub fn horizons(frame: &Frame<'_>, pieces: &[Piece], nodes: &mut Vec<f32>) {
+pub fn horizons<const N: usize>(frame: &Frame<'_, N>, pieces: &[Piece], nodes: &mut Vec<f32>) {
     let mut facets: Vec<Facet> = Vec::new();
     let mut facet_of = Vec::with_capacity(pieces.len());
     for piece in pieces {

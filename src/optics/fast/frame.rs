@@ -55,6 +55,13 @@ pub struct Effort {
     pub thorough: bool,
 }
 
+impl Effort {
+    /// Whether what bounces may have to be traced: where flanks face each other, and no plate bends what is seen.
+    pub fn is_traced(&self, once: &Precomputed, heights: &Heights) -> bool {
+        self.bounce && self.fine && once.view.slab.is_none() && heights.has_grooves()
+    }
+}
+
 /// Pictures, and what tells of their error.
 pub struct Pictures {
     /// One, or one a light.
@@ -81,8 +88,8 @@ pub struct Pictures {
     pub sided: Vec<(usize, f64)>,
 }
 
-/// A pad seen by the sensor, ready to be shaded.
-pub struct Frame<'a> {
+/// A pad seen by the sensor, ready to be shaded, with so many lines to a light.
+pub struct Frame<'a, const N: usize> {
     pub once: &'a Precomputed,
     pub mesh: &'a Mesh,
     /// Points of the pad's lattice along x.
@@ -94,21 +101,22 @@ pub struct Frame<'a> {
     /// Its vertices in the raster.
     pub vertices: &'a [Vec3],
     pub effort: Effort,
-    pub slots: Slots,
+    pub slots: Slots<N>,
     /// Irradiance against which errors are held.
     pub level: f32,
     /// Lights beyond whose plane some of the pad is: there their light ends.
     pub sided: Vec<usize>,
 }
 
-impl Frame<'_> {
+impl<const N: usize> Frame<'_, N> {
     /// The pictures, one or one a light.
     pub fn render(mut self) -> Pictures {
         let nodes = self.nodes();
         self.level = self.mean_level(&nodes);
         self.sided = self.sided(&nodes);
         let (mut films, mut shaded) = self.shade(&nodes);
-        let still = (self.effort.bounce && self.is_traced()).then(|| films[0].clone());
+        let is_traced = self.slots.films == 1 && self.effort.is_traced(self.once, self.heights);
+        let still = is_traced.then(|| films[0].clone());
         let border = shaded.border(self.once.pixel_mm);
         let border_mm = border.uneven_mm(self.heights, |p| self.once.total.lift(p));
         let Rebound { bounced, echoed, glows } = match self.effort.bounce {
@@ -129,14 +137,6 @@ impl Frame<'_> {
             feet,
             spread: shaded.spread,
         }
-    }
-
-    /// Whether what bounces may have to be traced: where flanks face each other, of a single picture that no plate bends.
-    fn is_traced(&self) -> bool {
-        self.slots.films == 1
-            && self.effort.fine
-            && self.once.view.slab.is_none()
-            && self.heights.has_grooves()
     }
 
     /// What a light's irradiance counts for: the rms of its colours; alike for all where each has a picture of its own.

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 /// Nodes from one that is worked out to the next, where little will do.
 const SPARSE: usize = 2;
 
-impl Frame<'_> {
+impl<const N: usize> Frame<'_, N> {
     /// Nodes along x and y.
     pub fn node_counts(&self) -> [usize; 2] {
         let camera = &self.once.view.camera;
@@ -75,14 +75,14 @@ impl Frame<'_> {
     }
 }
 
-struct NodeRow<'a> {
-    frame: &'a Frame<'a>,
+struct NodeRow<'a, const N: usize> {
+    frame: &'a Frame<'a, N>,
     columns: &'a [usize],
     row: usize,
     out: &'a mut [f32],
 }
 
-impl Work for NodeRow<'_> {
+impl<const N: usize> Work for NodeRow<'_, N> {
     type Output = ();
 
     #[inline(always)]
@@ -107,14 +107,14 @@ struct Sparse {
 }
 
 /// A row of all nodes.
-struct Between<'a> {
-    frame: &'a Frame<'a>,
+struct Between<'a, const N: usize> {
+    frame: &'a Frame<'a, N>,
     sparse: &'a Sparse,
     row: usize,
     out: &'a mut [f32],
 }
 
-impl Work for Between<'_> {
+impl<const N: usize> Work for Between<'_, N> {
     type Output = ();
 
     #[inline(always)]
@@ -167,7 +167,7 @@ fn place(some: &[usize], at: usize) -> (usize, usize) {
     (k, usize::from(some[k] != at))
 }
 
-impl Frame<'_> {
+impl<const N: usize> Frame<'_, N> {
     /// Whether what a node holds follows from four around it: the pad does not bend between them, no light is near, and they are
     /// all on the same side of each.
     #[inline(always)]

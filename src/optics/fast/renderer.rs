@@ -5,6 +5,7 @@ use super::frame::{self, Effort, Frame};
 use super::horizon::Heights;
 use super::raster::{self, Projected};
 use super::slots::Slots;
+use super::source::{LINES, MOST_LINES};
 use super::suited::{lattice_of, lights_off_face, pad_of, same_but_pad_mesh, unsupported};
 use super::traced::Traced;
 use super::view::View;
@@ -174,17 +175,31 @@ impl<'a> Renderer<'a> {
         }
     }
 
+    /// Whether flanks face each other, and their rims alone take the error above the tolerance: then what bounces is traced, as a
+    /// rule, and most of what is left is light that comes straight through slits between them.
+    fn has_slits(&self) -> bool {
+        self.effort.is_traced(self.once, &self.heights) && self.least_error() > self.tolerance
+    }
+
     pub(super) fn pictures(&self, films: usize) -> frame::Pictures {
         self.pictures_of(self.once, films)
     }
 
     pub(super) fn pictures_of(&self, once: &Precomputed, films: usize) -> frame::Pictures {
+        match self.has_slits() {
+            true => self.pictures_by::<MOST_LINES>(once, films),
+            false => self.pictures_by::<LINES>(once, films),
+        }
+    }
+
+    /// The pictures, by so many lines to a light.
+    fn pictures_by<const N: usize>(&self, once: &Precomputed, films: usize) -> frame::Pictures {
         let [columns, rows] = once.view.corners();
         let vertices = self.projected();
         let seen = Projected { lattice: self.lattice, vertices: &vertices, offset: 0.0 }.draw(columns, rows);
         let varying = once.sources.iter().any(|s| !s.is_fixed());
         let grey = films > 1 && once.greys.is_some();
-        let frame = Frame {
+        let frame = Frame::<N> {
             once,
             mesh: &self.mesh,
             nx: self.lattice[0],
@@ -210,5 +225,36 @@ impl<'a> Renderer<'a> {
             scaled(&mut pictures.feet, once);
         }
         pictures
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{ONCE, against_reference, punch, scene};
+    use super::*;
+    use crate::optics::bench_scene::Variant;
+
+    #[test]
+    fn between_flanks_straight_light_is_cut_along_more_lines_and_nearer_to_the_reference() {
+        // Upright walls, whose slits show a part of a lamp.
+        let grid: fn(f32, f32) -> f32 = |x, _| f32::from(u8::from((x - 2.0 * (x / 2.0).round()).abs() < 0.5));
+        let mut scene_of_straight = scene(Variant::Ac, grid);
+        scene_of_straight.max_events = 1;
+        let mut rest = scene_of_straight.clone();
+        let mesh = Arc::make_mut(&mut rest.surfaces[0].mesh);
+        mesh.positions.iter_mut().for_each(|p| p.z = 0.0);
+        let once = Precomputed::new(&rest).unwrap();
+        let straight = Renderer::new(&once, &scene_of_straight, 0.005).unwrap();
+        let off = |pictures: frame::Pictures| against_reference(&scene_of_straight, &pictures.films[0]).0;
+        let [few, many] =
+            [straight.pictures_by::<LINES>(&once, 1), straight.pictures_by::<MOST_LINES>(&once, 1)].map(off);
+        assert!(many < few, "{few} {many}");
+
+        let at = |height: fn(f32, f32) -> f32, tolerance| {
+            Renderer::new(&ONCE, &scene(Variant::Ac, height), tolerance).unwrap()
+        };
+        let slits = at(grid, 0.005);
+        assert!(slits.has_slits() && !at(grid, 0.02).has_slits() && !at(punch, 0.005).has_slits());
+        assert_eq!(slits.pictures(1).films, slits.pictures_by::<MOST_LINES>(&ONCE, 1).films);
     }
 }

@@ -27,7 +27,7 @@ struct Visible {
     albedo: Vec3,
 }
 
-impl Frame<'_> {
+impl<const N: usize> Frame<'_, N> {
     /// The values of what the samples of a pixel see of the pad, whatever stands before it.
     pub fn values(&self, x: usize, y: usize) -> Values {
         self.samples(x, y).map(|sample| sample.value)
@@ -103,7 +103,7 @@ impl Frame<'_> {
     }
 }
 
-impl Desk<'_> {
+impl<const N: usize> Desk<'_, N> {
     /// A pixel that shows the pad in part: of the pad alone where something fixed is laid over it, else with what is beside.
     pub fn in_part(&mut self, x: usize, y: usize, [x0, y0, x1, y1]: Rectangle) {
         let once = self.frame.once;

@@ -7,7 +7,7 @@
 use super::lanes::{Eight, Vectors, WIDTH, lanes};
 use super::probes;
 use super::slots::{POSITION, Slots};
-use super::source::{COARSE, KEPT, LINES, Line, Source};
+use super::source::{KEPT, Line, Source, coarse};
 use super::vector::{edges, quadrilateral};
 use glam::Vec3;
 
@@ -15,15 +15,15 @@ use glam::Vec3;
 type Bilinear = [f32; 4];
 
 /// A block made ready: everything as coefficients.
-pub struct Block<'a> {
-    slots: &'a Slots,
+pub struct Block<'a, const N: usize> {
+    slots: &'a Slots<N>,
     sources: &'a [Source],
     coefficients: Vec<Bilinear>,
     hidden: Vec<bool>,
     /// By light: of how many lines one is taken.
     step: Vec<usize>,
     thorough: bool,
-    fixed: Vec<Option<[Line; LINES]>>,
+    fixed: Vec<Option<[Line; N]>>,
     /// By light: its corners, where it has a closed form.
     closed: Vec<Option<[Vec3; 4]>>,
     /// By light: normal and exponent of its angular profile, where nothing bends what is seen of it.
@@ -53,11 +53,11 @@ fn vectors_at(c: &[Bilinear], u: Eight, v: Eight) -> Vectors {
     Vectors { x: at(&c[0], u, v), y: at(&c[1], u, v), z: at(&c[2], u, v) }
 }
 
-impl<'a> Block<'a> {
+impl<'a, const N: usize> Block<'a, N> {
     /// Room for the blocks of a picture. `closed` tells lights whose field has a closed form, `weights` what the irradiance
     /// of each counts for, as part of what may be wrong.
     pub fn new(
-        slots: &'a Slots,
+        slots: &'a Slots<N>,
         sources: &'a [Source],
         closed: impl Fn(usize) -> bool,
         weights: Vec<f32>,
@@ -66,7 +66,7 @@ impl<'a> Block<'a> {
         let corners = |(l, s): (usize, &Source)| s.corners().filter(|_| closed(l));
         let fixed = sources
             .iter()
-            .map(|s| s.is_fixed().then(|| std::array::from_fn(|k| s.line(k, LINES - 1, Vec3::ZERO))));
+            .map(|s| s.is_fixed().then(|| std::array::from_fn(|k| s.line(k, N - 1, Vec3::ZERO))));
         Self {
             slots,
             sources,
@@ -93,7 +93,7 @@ impl<'a> Block<'a> {
             let flag = self.slots.light(l);
             let most = [a, b, c, d].iter().fold(0.0f32, |most, n| most.max(n[flag]));
             *hidden = self.thorough || most > 0.0;
-            *step = step_of(&self.sources[l], most, self.thorough);
+            *step = step_of::<N>(&self.sources[l], most, self.thorough);
         }
         let [p, q, r] = [a, d, b].map(|n| Vec3::from_slice(&n[POSITION..]));
         let (middle, size2) = ((p + q) * 0.5, (q - p).length_squared().max((r - p).length_squared()));
@@ -135,7 +135,7 @@ impl<'a> Block<'a> {
                     for at in own.at {
                         most = most.max(own.nodes[at + self.slots.light(l)]);
                     }
-                    (self.thorough || most > 0.0, step_of(&self.sources[l], most, self.thorough))
+                    (self.thorough || most > 0.0, step_of::<N>(&self.sources[l], most, self.thorough))
                 }
             };
             if hidden || self.dips(l, [u, v], points, normals) {
@@ -174,7 +174,7 @@ impl<'a> Block<'a> {
     #[inline(always)]
     fn dips(&self, l: usize, uv: [Eight; 2], points: Vectors, normals: Vectors) -> bool {
         let zero = Eight::all(0.0);
-        let ends = [0, LINES - 1].map(|k| self.end(l, k, 0, uv, points).dot(normals));
+        let ends = [0, N - 1].map(|k| self.end(l, k, 0, uv, points).dot(normals));
         ends[0].min(ends[1]).below(zero).any()
     }
 
@@ -207,9 +207,9 @@ impl<'a> Block<'a> {
         let [u, v] = uv;
         let (zero, one) = (Eight::all(0.0), Eight::all(1.0));
         let horizons = self.slots.horizons(l);
-        let mut lows = [Vectors::all(Vec3::ZERO); LINES];
+        let mut lows = [Vectors::all(Vec3::ZERO); N];
         let mut cuts = lows;
-        for k in (0..LINES).step_by(step) {
+        for k in (0..N).step_by(step) {
             let (low, high) = (self.end(l, k, 0, uv, points), self.end(l, k, 1, uv, points));
             // The part of the line below the surface's own plane...
             let dipped = part_below(low.dot(normals), high.dot(normals));
@@ -230,8 +230,8 @@ impl<'a> Block<'a> {
             let radiance = |q: Vectors| q.dot(Vectors::all(-normal)).max(zero).powf(power);
             return strips(&lows, &cuts, step, radiance).dot(normals) * Eight::all(-0.5);
         }
-        let mut sum = edges(lows[LINES - 1], cuts[LINES - 1]) + edges(cuts[0], lows[0]);
-        for k in (step..LINES).step_by(step) {
+        let mut sum = edges(lows[N - 1], cuts[N - 1]) + edges(cuts[0], lows[0]);
+        for k in (step..N).step_by(step) {
             sum = sum + edges(lows[k - step], lows[k]) + edges(cuts[k], cuts[k - step]);
         }
         let gain = at(&self.coefficients[self.slots.gain(l)], u, v);
@@ -241,15 +241,15 @@ impl<'a> Block<'a> {
 
 /// Vector irradiance of a ribbon between two curves, times -2, each strip between lines with the radiance of its middle.
 #[inline(always)]
-fn strips(
-    lows: &[Vectors; LINES],
-    cuts: &[Vectors; LINES],
+fn strips<const N: usize>(
+    lows: &[Vectors; N],
+    cuts: &[Vectors; N],
     step: usize,
     radiance: impl Fn(Vectors) -> Eight,
 ) -> Vectors {
     let mut sum = Vectors::all(Vec3::ZERO);
     let mut upright = edges(lows[0], cuts[0]);
-    for k in (step..LINES).step_by(step) {
+    for k in (step..N).step_by(step) {
         let next = edges(lows[k], cuts[k]);
         let strip = edges(lows[k - step], lows[k]) + next + edges(cuts[k], cuts[k - step]) - upright;
         let middle = (lows[k - step] + lows[k] + cuts[k - step] + cuts[k]).unit();
@@ -261,16 +261,14 @@ fn strips(
 
 /// Of how many lines of a light one is taken, for the largest flag of the nodes.
 #[inline(always)]
-fn step_of(source: &Source, most: f32, thorough: bool) -> usize {
-    // A plane cuts a rectangle along a straight line, a horizon does not; round lights have no straight edge.
-    match source.is_fixed() && !thorough {
-        // Its profile is another from line to line.
-        true if most <= 2.0 && source.angular().is_some() => KEPT,
-        true if most == 0.0 => COARSE,
-        true if most == 1.0 => COARSE / 2,
-        _ if most <= 2.0 && !thorough => KEPT,
-        _ => 1,
+fn step_of<const N: usize>(source: &Source, most: f32, thorough: bool) -> usize {
+    if thorough {
+        return 1;
     }
+    // A plane cuts a rectangle along a straight line, a horizon does not; round lights have no straight edge, and an angular
+    // profile is another from line to line.
+    let followed = (coarse(N) >> most as u32).max(1);
+    if source.is_fixed() && source.angular().is_none() { followed } else { followed.min(KEPT) }
 }
 
 /// Whether the field of a rectangle bends too much to be interpolated across a block around `place`, whose diagonal squared is

@@ -1,11 +1,11 @@
 //! What a node of the picture's coarse raster holds, as a row of numbers.
 
 use super::probes;
-use super::source::{KEPT, LINES};
+use super::source::KEPT;
 
-/// Where each number stands.
+/// Where each number stands, with so many lines to a light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Slots {
+pub struct Slots<const N: usize> {
     lights: usize,
     /// Pictures that are made at once: one, or one a light.
     pub films: usize,
@@ -20,7 +20,7 @@ pub struct Slots {
 /// The node's position.
 pub const POSITION: usize = 0;
 
-impl Slots {
+impl<const N: usize> Slots<N> {
     pub fn new(lights: usize, films: usize, varying: bool, bent: bool, grey: bool) -> Self {
         Self { lights, films, varying: varying || bent, bent, grey }
     }
@@ -45,7 +45,7 @@ impl Slots {
     }
 
     fn per_light(&self) -> usize {
-        2 + LINES + if self.varying { 6 * LINES.div_ceil(KEPT) } else { 0 }
+        2 + N + if self.varying { 6 * N.div_ceil(KEPT) } else { 0 }
     }
 
     /// Above 0 where the pad hides something of light `l`.
@@ -65,7 +65,7 @@ impl Slots {
 
     /// The ends of a line that is kept, as they appear; only where lines vary.
     pub fn line(&self, l: usize, line: usize) -> usize {
-        self.horizons(l) + LINES + 6 * (line / KEPT)
+        self.horizons(l) + N + 6 * (line / KEPT)
     }
 
     /// Whether there is room for lines.

@@ -109,7 +109,7 @@ impl Frames {
 /// A piece of the mesh in a cell, as a part of its sums, and whether it is a flank.
 type Piece = (usize, bool, Cell);
 
-impl Frame<'_> {
+impl<const N: usize> Frame<'_, N> {
     /// What is unseen; `uneven_mm` is how uneven the pad is across the picture's border.
     pub(super) fn unseen(&self, border: &Border<'_>, uneven_mm: f64) -> AllUnseen {
         let uneven = uneven_mm > EVEN_MM;
@@ -211,12 +211,12 @@ impl Frame<'_> {
 }
 
 /// The light on unseen cells, picture by picture.
-struct Lit<'a> {
-    frame: &'a Frame<'a>,
+struct Lit<'a, const N: usize> {
+    frame: &'a Frame<'a, N>,
     cells: &'a [Unseen],
 }
 
-impl Work for Lit<'_> {
+impl<const N: usize> Work for Lit<'_, N> {
     type Output = Vec<Vec3>;
 
     #[inline(always)]

@@ -7,7 +7,7 @@ const CELL_MM: f32 = 0.26;
 /// They are not quartered to less than this, mm: smaller ones take three times as long, and are hardly better.
 const GROOVE_CELL_MM: f32 = 0.05;
 
-impl Frame<'_> {
+impl<const N: usize> Frame<'_, N> {
     /// Pixels along the edge of a cell of the bounce, and by how many times that is finer than usual: between a sharp rim and
     /// the foot of its flank light goes to and fro within a few tenths of a millimetre, in a groove within less.
     pub(super) fn cell_px(&self) -> (usize, usize) {

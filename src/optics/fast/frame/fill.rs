@@ -4,7 +4,7 @@ use super::Frame;
 use crate::optics::fast::horizon::{Stand, slope_of, squeezed};
 use crate::optics::fast::lanes::Vectors;
 use crate::optics::fast::slots::POSITION;
-use crate::optics::fast::source::{COARSE, KEPT, LINES, Line, with_means};
+use crate::optics::fast::source::{KEPT, Line, MOST_LINES, coarse, with_means};
 use crate::optics::fast::toward::Toward;
 use crate::optics::fast::vector::{irradiance, of_point, quadrilateral};
 use glam::Vec3;
@@ -12,7 +12,7 @@ use glam::Vec3;
 /// A horizon that departs more from the mean of its neighbours, as a slope, is followed between them, too.
 const BENT: f32 = 0.03;
 
-impl Frame<'_> {
+impl<const N: usize> Frame<'_, N> {
     /// Fills up to eight nodes at once.
     #[inline(always)]
     pub fn fill(&self, points: &[Vec3], out: &mut [f32]) {
@@ -65,7 +65,7 @@ impl Frame<'_> {
                 // Behind a light there is nothing to take off.
                 node[slots.gain(l)] = f32::from(u8::from(source.faces(*p)));
                 if slots.varying() {
-                    let numbers = &mut node[slots.line(l, 0)..][..6 * LINES.div_ceil(KEPT)];
+                    let numbers = &mut node[slots.line(l, 0)..][..6 * N.div_ceil(KEPT)];
                     let kept = lines.iter().step_by(KEPT).flatten();
                     for (numbers, end) in numbers.chunks_exact_mut(3).zip(kept) {
                         numbers.copy_from_slice(&end.to_array());
@@ -114,7 +114,7 @@ impl Frame<'_> {
 
     /// Fills a node's part on what the pad hides of a light, whose lines appear there.
     #[inline(always)]
-    fn horizons(&self, l: usize, from: Stand, lines: &[Line; LINES], node: &mut [f32]) {
+    fn horizons(&self, l: usize, from: Stand, lines: &[Line; N], node: &mut [f32]) {
         let slots = &self.slots;
         let (mut hides, mut rises) = (false, false);
         let slopes = slots.horizons(l);
@@ -126,16 +126,16 @@ impl Frame<'_> {
             horizon
         };
         // A few lines first, the ones between where the pad is higher anywhere...
-        for k in (0..LINES).step_by(COARSE) {
+        for k in (0..N).step_by(coarse(N)) {
             node[slopes + k] = squeezed(follow(k, &mut hides, &mut rises));
         }
-        let mut reach = COARSE / 2;
+        let mut reach = coarse(N) / 2;
         let mut bends =
             rises || self.effort.thorough || (self.effort.fine && self.heights.rises_above(from.point.z));
         let mut flag = 0;
         while reach > 0 {
             let mut bent = false;
-            for k in (reach..LINES).step_by(2 * reach) {
+            for k in (reach..N).step_by(2 * reach) {
                 let between = 0.5 * (node[slopes + k - reach] + node[slopes + k + reach]);
                 node[slopes + k] = between;
                 if bends {
@@ -146,7 +146,7 @@ impl Frame<'_> {
             }
             flag += u8::from(bends);
             // ...or rises before one of these, and the finest only where the horizon bends.
-            let wanted = bent || (reach == COARSE / 2 && rises);
+            let wanted = bent || (reach == coarse(N) / 2 && rises);
             bends = wanted && self.effort.fine || self.effort.thorough;
             reach /= 2;
         }
@@ -156,12 +156,12 @@ impl Frame<'_> {
 
 /// Vector irradiance of a whole ribbon.
 #[inline(always)]
-fn outline(lines: &[Line; LINES]) -> Vec3 {
-    const CORNERS: usize = 2 * LINES.div_ceil(KEPT);
-    let mut around = [Vec3::ZERO; CORNERS];
+fn outline<const N: usize>(lines: &[Line; N]) -> Vec3 {
+    let corners = 2 * N.div_ceil(KEPT);
+    let mut around = [Vec3::ZERO; 2 * MOST_LINES.div_ceil(KEPT)];
     for (k, [low, high]) in lines.iter().step_by(KEPT).enumerate() {
         around[k] = *low;
-        around[CORNERS - 1 - k] = *high;
+        around[corners - 1 - k] = *high;
     }
-    irradiance(&around)
+    irradiance(&around[..corners])
 }

@@ -6,7 +6,7 @@ use crate::optics::fast::cover::Laid;
 use crate::optics::fast::traces;
 use glam::Vec3;
 
-impl Frame<'_> {
+impl<const N: usize> Frame<'_, N> {
     /// Lays what is fixed over the pictures of the pad, with what the press changes in the light on it, by picture and spot. What
     /// mixed pixels are means of is added to `spread`. Answers as [`Self::add_glow`].
     pub(super) fn lay_fixed(

@@ -7,7 +7,7 @@ use crate::optics::{Albedo, Mesh};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-impl Frame<'_> {
+impl<const N: usize> Frame<'_, N> {
     /// What a corner of a pixel sees of the pad, if nothing fixed is in front.
     #[inline(always)]
     pub fn corner(&self, x: usize, y: usize) -> Option<(Vec3, u32)> {

@@ -32,7 +32,7 @@ impl Rebound {
     }
 }
 
-impl Frame<'_> {
+impl<const N: usize> Frame<'_, N> {
     /// Multiplies the pictures by what a press changes in the light that comes from pad and walls. `border_mm` is how unevenly the
     /// pad goes on beyond them.
     pub(super) fn rebound(&self, shaded: &Shaded, border_mm: f64, films: &mut [Film]) -> Rebound {

@@ -61,7 +61,7 @@ impl Shaded {
     }
 }
 
-impl Frame<'_> {
+impl<const N: usize> Frame<'_, N> {
     /// Shades the pad.
     pub(super) fn shade(&self, nodes: &[f32]) -> (Vec<Film>, Shaded) {
         let camera = &self.once.view.camera;
