@@ -242,9 +242,9 @@ impl QuasiStaticSolver {
         };
         let trust = self.trust_in_relief();
         let grip = level.grip().filter(|_| trust > 0.0);
-        let [mx, my] = grip
-            .as_ref()
-            .map_or(times, |grip| relief::finer_to_hold(grip, level.straight_down(), [nx, ny], times));
+        let turned = self.path[0].theta_deg != level.pose().theta_deg;
+        let [mx, my] =
+            grip.as_ref().map_or(times, |grip| relief::finer_to_hold(grip, turned, [nx, ny], times));
         let mut capture = level.capture(indenter, mx * (nx - 1) + 1, my * (ny - 1) + 1)?;
         let loads = level.loads();
         let splined = Splined {

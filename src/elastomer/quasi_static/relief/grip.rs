@@ -21,18 +21,18 @@ const MOST_ITERATIONS: u32 = 200;
 /// Points that hold, at least, where that takes no lattice more than twice as fine. Found by experiment: spheres that are turned on some
 /// 300 and 900 points take 8.6 and 3.7 % less torque than they should, and on four times as many 2.4 and 0.9 % less.
 const LEAST_HOLDING: f64 = 1500.0;
-/// The same where what holds was dragged or turned. Found by experiment, against axisymmetric finite elements: a sphere of radius 4,
+/// The same where what holds was turned, up to four times as fine. Found by experiment, against axisymmetric finite elements: a sphere of radius 4,
 /// pressed 1 mm and turned by 5 to 15 degrees, takes 3.0 to 3.5 % less torque than it should on 1600 points, 1.8 to 2.7 % on four times as
 /// many.
-const LEAST_DRAGGED: f64 = 3000.0;
+const LEAST_TURNED: f64 = 3000.0;
 
 /// How many times finer than asked for the lattice has to be for this grip, which a face in relief wants to be so many times finer, and
-/// whether nothing was dragged.
-pub fn finer_to_hold(grip: &Grip, straight_down: bool, asked: [usize; 2], times: [usize; 2]) -> [usize; 2] {
+/// whether it was turned.
+pub fn finer_to_hold(grip: &Grip, turned: bool, asked: [usize; 2], times: [usize; 2]) -> [usize; 2] {
     let holding = grip.part() * (asked[0] * times[0] * asked[1] * times[1]) as f64;
-    let finer = match straight_down {
-        true => 1 + usize::from(holding < LEAST_HOLDING),
-        false => [1, 2].into_iter().find(|n| holding * (n * n) as f64 >= LEAST_DRAGGED).unwrap_or(4),
+    let finer = match turned {
+        true => [1, 2].into_iter().find(|n| holding * (n * n) as f64 >= LEAST_TURNED).unwrap_or(4),
+        false => 1 + usize::from(holding < LEAST_HOLDING),
     };
     times.map(|times| finer * times)
 }
