@@ -118,9 +118,11 @@ impl QuasiStaticSolver {
     ) -> Result<Self, Error> {
         check(pad, settings)?;
         let size = [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm];
-        let resolution = Resolution::for_tolerance(settings.tolerance).for_body(indenter.as_ref(), size);
+        let underside = Underside::of(indenter.as_ref(), size);
+        let resolution = Resolution::for_tolerance(settings.tolerance);
+        let resolution = resolution.for_underside(&underside, indenter.as_ref(), size);
         let wanted = refinement::wanted(settings.tolerance);
-        wakeful(|| Self::build(pad, settings, resolution, Some(wanted), indenter, start))
+        wakeful(|| Self::build(pad, settings, (resolution, Some(wanted)), indenter, &underside, start))
     }
 
     /// As [`Self::new`], with the resolution given instead of derived from the tolerance, and kept whatever comes.
@@ -134,15 +136,16 @@ impl QuasiStaticSolver {
         indenter: Arc<dyn Indenter>,
         start: &Pose,
     ) -> Result<Self, Error> {
-        wakeful(|| Self::build(pad, settings, resolution, None, indenter, start))
+        let underside = Underside::of(indenter.as_ref(), [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm]);
+        wakeful(|| Self::build(pad, settings, (resolution, None), indenter, &underside, start))
     }
 
     fn build(
         pad: &Pad,
         settings: &Settings,
-        resolution: Resolution,
-        wanted: Option<f64>,
+        (resolution, wanted): (Resolution, Option<f64>),
         indenter: Arc<dyn Indenter>,
+        underside: &Underside,
         start: &Pose,
     ) -> Result<Self, Error> {
         let pad = Body::new(pad, settings);
@@ -153,9 +156,8 @@ impl QuasiStaticSolver {
             let level = pad.level(resolution, *start, n + 1 < cascade.len());
             levels.push(Step::after(&levels, level));
         }
-        let underside = Underside::of(indenter.as_ref(), pad.size_mm);
         let mut solver = Self {
-            force_fades_mm: relief::force_fades_mm(&underside, pad.size_mm[2]),
+            force_fades_mm: relief::force_fades_mm(underside, pad.size_mm[2]),
             levels,
             unrefined: None,
             vain_mm: None,

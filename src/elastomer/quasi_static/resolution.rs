@@ -71,6 +71,11 @@ impl Resolution {
     /// The same accuracy under this body: with cells that its tip does not fall between, and increments that are short for
     /// its size.
     pub fn for_body(self, body: &dyn Indenter, size: [f64; 3]) -> Self {
+        self.for_underside(&Underside::of(body, size), body, size)
+    }
+
+    /// The same where the body's underside is known.
+    pub(super) fn for_underside(self, underside: &Underside, body: &dyn Indenter, size: [f64; 3]) -> Self {
         let enough = CELLS_OF_TIP * self.cell_mm;
         let mut cell_mm = self.cell_mm;
         if cell_mm > NARROWEST_FOR_TIP_MM {
@@ -79,8 +84,7 @@ impl Resolution {
                 cell_mm = (width_mm / CELLS_OF_TIP).max(NARROWEST_FOR_TIP_MM);
             }
         }
-        let underside = Underside::of(body, size);
-        let increment_mm = increments::longest_mm(body, &underside, size[2]);
+        let increment_mm = increments::longest_mm(body, underside, size[2]);
         let usual = Self { cell_mm, increment_mm, ..self };
         if !underside.has_edges {
             return usual;

@@ -230,15 +230,14 @@ impl<'a> Renderer<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{ONCE, against_reference, punch, scene};
+    use super::super::tests::{ONCE, against_reference, punch, ridges, scene};
     use super::*;
     use crate::optics::bench_scene::Variant;
 
     #[test]
     fn between_flanks_straight_light_is_cut_along_more_lines_and_nearer_to_the_reference() {
         // Upright walls, whose slits show a part of a lamp.
-        let grid: fn(f32, f32) -> f32 = |x, _| f32::from(u8::from((x - 2.0 * (x / 2.0).round()).abs() < 0.5));
-        let mut scene_of_straight = scene(Variant::Ac, grid);
+        let mut scene_of_straight = scene(Variant::Ac, ridges);
         scene_of_straight.max_events = 1;
         let mut rest = scene_of_straight.clone();
         let mesh = Arc::make_mut(&mut rest.surfaces[0].mesh);
@@ -253,8 +252,8 @@ mod tests {
         let at = |height: fn(f32, f32) -> f32, tolerance| {
             Renderer::new(&ONCE, &scene(Variant::Ac, height), tolerance).unwrap()
         };
-        let slits = at(grid, 0.005);
-        assert!(slits.has_slits() && !at(grid, 0.02).has_slits() && !at(punch, 0.005).has_slits());
+        let slits = at(ridges, 0.005);
+        assert!(slits.has_slits() && !at(ridges, 0.02).has_slits() && !at(punch, 0.005).has_slits());
         assert_eq!(slits.pictures(1).films, slits.pictures_by::<MOST_LINES>(&ONCE, 1).films);
     }
 }

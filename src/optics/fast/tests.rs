@@ -27,7 +27,12 @@ pub(super) fn punch(x: f32, y: f32) -> f32 {
     if r < 2.5 { 1.5 } else { 1.5 * (-1.6 * (r - 2.5)).exp() }
 }
 
-/// The same with an untouched pad.
+/// Upright ridges, a millimetre high and wide, in whose grooves light goes to and fro.
+pub(super) fn ridges(x: f32, _: f32) -> f32 {
+    f32::from(u8::from((x - 2.0 * (x / 2.0).round()).abs() < 0.5))
+}
+
+/// A scene with its pad untouched.
 fn flat(scene: &Scene) -> Scene {
     let mut flat = scene.clone();
     let mesh = Arc::make_mut(&mut flat.surfaces[0].mesh);

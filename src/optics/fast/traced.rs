@@ -162,18 +162,13 @@ fn mean_of(film: &Film) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{ONCE, against_reference, scene};
+    use super::super::tests::{ONCE, against_reference, ridges, scene};
     use super::*;
     use crate::optics::Scene;
     use crate::optics::bench_scene::Variant;
     use std::sync::LazyLock;
 
-    /// Upright ridges, a millimetre high and wide, in whose grooves light goes to and fro.
     static RIDGES: LazyLock<Scene> = LazyLock::new(|| scene(Variant::Ac, ridges));
-
-    fn ridges(x: f32, _: f32) -> f32 {
-        f32::from(u8::from((x - 2.0 * (x / 2.0).round()).abs() < 0.5))
-    }
 
     #[test]
     fn light_between_flanks_is_nearer_to_the_reference_and_as_far_off_as_stated() {
