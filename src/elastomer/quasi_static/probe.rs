@@ -14,6 +14,8 @@ use rayon::prelude::*;
 /// Largest spacing of the lattice, mm: two points across the narrowest edge of the press set (0.2 mm).
 const SPACING_MM: f64 = thin::WIDE_MM;
 
+/// What is less far inside is so by rounding alone, mm: a body that just touches a dome stands in it by that.
+const ROUNDING_MM: f64 = 1e-6;
 /// A face this near the body touches it, mm.
 const TOUCHES_MM: f64 = 0.02;
 /// Part of the way to the body's underside by which a point of the face has to have been pushed, or else it was missed.
@@ -49,8 +51,9 @@ impl Sums {
     /// Counts a point under the body, whose height at rest, height now and the body's own above it are given, mm, from any level.
     fn count(&mut self, rest_mm: f64, now_mm: f64, underside_mm: f64) {
         let way_mm = rest_mm - underside_mm;
-        self.under += u64::from(way_mm > 0.0);
-        self.missed += u64::from(way_mm > 0.0 && rest_mm - now_mm < PUSHED * way_mm);
+        let stands_in_it = way_mm > ROUNDING_MM;
+        self.under += u64::from(stands_in_it);
+        self.missed += u64::from(stands_in_it && rest_mm - now_mm < PUSHED * way_mm);
     }
 
     fn and(self, more: &Self) -> Self {
@@ -128,7 +131,7 @@ pub fn inside(grid: &Grid, chart: Option<&Chart>, u: &[f32], indenter: &dyn Inde
             let p = face.at([*x, *y], [(*i, *wx), row]);
             let at_body = pose.to_indenter(p);
             let gap = indenter.distance(at_body);
-            if gap < 0.0 {
+            if gap < -ROUNDING_MM {
                 sums.squares += gap * gap;
                 sums.inside += 1;
                 sums.deepest_mm = sums.deepest_mm.max(-gap);

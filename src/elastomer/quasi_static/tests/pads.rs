@@ -43,6 +43,20 @@ fn pressed(shape: PadShape, friction: Friction, angle_deg: f64, along: DVec2, de
 }
 
 #[test]
+fn a_body_that_just_touches_a_dome_leaves_it_at_rest() {
+    let body: Arc<dyn Indenter> = Arc::new(Sphere(4.0));
+    let start = Pose::new(0.0, 0.0, 0.3, 0.0);
+    let dome = bent(PadShape::Dome { radius_mm: RADIUS_MM });
+    let mut solver = QuasiStaticSolver::new(&dome, &settings(Friction::Infinite), body, &start).unwrap();
+    solver.advance(&Pose { z_mm: 0.0, ..start }).expect("nothing to do");
+    let touched = solver.capture(41, 41).unwrap();
+    assert_eq!(touched.forces.normal_force_n, 0.0);
+    assert!(touched.stats.estimated_error.unwrap_or(0.0) < 0.01, "{:?}", touched.stats);
+    solver.advance(&Pose { z_mm: -0.1, ..start }).expect("an easy press");
+    assert!(solver.capture(41, 41).unwrap().forces.normal_force_n > 0.0);
+}
+
+#[test]
 fn a_dome_answers_alike_all_around_its_apex() {
     let dome = PadShape::Dome { radius_mm: RADIUS_MM };
     for friction in [Friction::Coefficient(0.0), Friction::Infinite] {
