@@ -16,9 +16,11 @@ pub const LONGEST_INCREMENT_MM: f64 = 0.5;
 const CELLS_OF_TIP: f64 = 1.5;
 /// They need not be narrower than this for it, mm: finer ones are taken where an answer states too much.
 const NARROWEST_FOR_TIP_MM: f64 = 0.5;
-/// So many cells go into the radius of a circle as large as what touches of a body with edges, at the default tolerance, and more at
-/// smaller ones. Found by experiment: the contact of a cone 1 mm across at its tip is seen 8 and 3 % too small in radius 0.25 and
-/// 0.5 mm deep with 2.1 cells, within 0.8 % with these; its force 1 mm deep is 1.5 % off with those, 0.8 % with these.
+/// So many cells go into the radius of a circle as large as what touches of a body with edges, or into half of the body's narrower side
+/// where that is less, at the default tolerance, and more at smaller ones. Found by experiment: the contact of a cone 1 mm across at its tip
+/// is seen 8 and 3 % too small in radius 0.25 and 0.5 mm deep with 2.1 cells, within 0.8 % with these; its force 1 mm deep is 1.5 % off with
+/// those, 0.8 % with these. A line 2 mm wide presses 1.5 to 2.2 % too hard, without friction 0.5 mm and with or without it 1 mm deep, with
+/// 2.4 cells in half of its width, within 0.7 % with these (against half as many again).
 const CELLS_OF_SMALL: f64 = 2.7;
 /// Cells over the narrower ones that are taken for it, at most.
 const LARGEST_STEP_FOR_SMALL: f64 = 1.8;
@@ -92,9 +94,10 @@ impl Resolution {
         let radius_mm = underside.radius_mm();
         let [hx, hy] = body.half_extent_mm();
         let over_usual = self.cell_mm / USUAL_CELL_MM;
-        let is_resolved = radius_mm.min(hx).min(hy) >= CELLS_OF_PIN * self.cell_mm / LARGEST_STEP_FOR_SMALL;
+        let narrowest_mm = radius_mm.min(hx).min(hy);
+        let is_resolved = narrowest_mm >= CELLS_OF_PIN * self.cell_mm / LARGEST_STEP_FOR_SMALL;
         let [enough_mm, least_mm] = if is_resolved {
-            [radius_mm / CELLS_OF_SMALL * over_usual, self.cell_mm / LARGEST_STEP_FOR_SMALL]
+            [narrowest_mm / CELLS_OF_SMALL * over_usual, self.cell_mm / LARGEST_STEP_FOR_SMALL]
         } else {
             [radius_mm / CELLS_OF_PIN * over_usual.max(1.0), self.cell_mm / LARGEST_STEP_FOR_PIN]
         };
@@ -161,6 +164,8 @@ mod tests {
         assert!((cell_mm(stripe(1.0), 0.1) - 1.0 / CELLS_OF_TIP).abs() < 0.1);
         assert_eq!(cell_mm(stripe(0.2), 0.1), NARROWEST_FOR_TIP_MM);
         assert_eq!(cell_mm(stripe(0.2), 0.005), usual(0.005));
+        let line = Shape::Flat { plan: Plan::Rectangle { x_mm: 2.0, y_mm: 16.0 } };
+        assert!((0.3..0.32).contains(&cell_mm(line, 0.01)));
         let cone = |tip_diameter_mm| Shape::Cone { tip_diameter_mm, half_angle_deg: 19.29 };
         assert!(cell_mm(cone(1.0), 0.01) < usual(0.01) / 1.7 && cell_mm(cone(4.0), 0.01) == usual(0.01));
         let finest = cell_mm(cone(1.0), 0.0035);
