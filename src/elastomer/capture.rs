@@ -47,25 +47,30 @@ impl Surface {
 
     /// What part of the face the marked points stand for, as it is seen along z, mm^2.
     pub fn seen_mm2(&self, marked: &[bool]) -> f64 {
-        self.part_mm2(marked, |i, j| self.positions[j * self.nx + i].truncate().as_dvec2())
+        self.parts_seen_mm2(|k| f64::from(u8::from(marked[k])))
     }
 
-    /// The same of the undeformed face, mm^2.
+    /// The same where only a part, 0 to 1, of what a point stands for counts.
+    pub fn parts_seen_mm2(&self, part: impl Fn(usize) -> f64) -> f64 {
+        self.sum_mm2(part, |i, j| self.positions[j * self.nx + i].truncate().as_dvec2())
+    }
+
+    /// What part of the undeformed face the marked points stand for, mm^2.
     pub fn seen_at_rest_mm2(&self, marked: &[bool]) -> f64 {
-        self.part_mm2(marked, |i, j| self.rest_xy(i, j).into())
+        self.sum_mm2(|k| f64::from(u8::from(marked[k])), |i, j| self.rest_xy(i, j).into())
     }
 
     /// Every corner of a quadrilateral stands for a quarter of it.
-    fn part_mm2(&self, marked: &[bool], at: impl Fn(usize, usize) -> DVec2) -> f64 {
-        let marks = |i: usize, j: usize| u8::from(marked[j * self.nx + i]);
+    fn sum_mm2(&self, part: impl Fn(usize) -> f64, at: impl Fn(usize, usize) -> DVec2) -> f64 {
+        let part = |i: usize, j: usize| part(j * self.nx + i);
         let mut sum = 0.0;
         for j in 1..self.ny {
             for i in 1..self.nx {
-                let corners = marks(i - 1, j - 1) + marks(i, j - 1) + marks(i - 1, j) + marks(i, j);
-                if corners > 0 {
+                let corners = part(i - 1, j - 1) + part(i, j - 1) + part(i - 1, j) + part(i, j);
+                if corners > 0.0 {
                     let diagonals = [at(i, j) - at(i - 1, j - 1), at(i - 1, j) - at(i, j - 1)];
                     // What faces backwards is left out.
-                    sum += 0.25 * f64::from(corners) * (0.5 * diagonals[0].perp_dot(diagonals[1])).max(0.0);
+                    sum += 0.25 * corners * (0.5 * diagonals[0].perp_dot(diagonals[1])).max(0.0);
                 }
             }
         }

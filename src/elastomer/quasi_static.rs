@@ -244,9 +244,7 @@ impl QuasiStaticSolver {
         };
         let trust = self.trust_in_relief();
         let grip = level.grip().filter(|_| trust > 0.0);
-        let turned = self.path[0].theta_deg != level.pose().theta_deg;
-        let [mx, my] =
-            grip.as_ref().map_or(times, |grip| relief::finer_to_hold(grip, turned, [nx, ny], times));
+        let [mx, my] = grip.as_ref().map_or(times, |grip| relief::finer_to_hold(grip, [nx, ny], times));
         let mut capture = level.capture(indenter, mx * (nx - 1) + 1, my * (ny - 1) + 1)?;
         let loads = level.loads();
         let splined = Splined {
@@ -262,7 +260,10 @@ impl QuasiStaticSolver {
         let relief = splined.relieve(&mut capture.surface, &mut capture.contact, |x, y| {
             shape.face_height_mm([size[0], size[1]], [x, y])
         });
-        let relieved = relief.is_some();
+        if let Some(relief) = &relief {
+            // Counted where it is seen: the splines' patch is 3 % too wide or too narrow where it is four cells across.
+            capture.stats.contact_area_mm2 = relief.seen_mm2;
+        }
         if let Some(relief) = relief.filter(|_| trust > 0.0) {
             let of_force = trust * relief::left_at(level.depth_mm(indenter), self.force_fades_mm);
             let part = 1.0 + of_force * (relief.force_n / splined.force_n - 1.0);
@@ -280,10 +281,6 @@ impl QuasiStaticSolver {
                 let in_relief = in_relief.max(relief::LEAST_TO_SPLINES * stated);
                 capture.stats.estimated_error = Some(stated - trust * (stated - in_relief).max(0.0));
             }
-        }
-        if relieved {
-            // Counted where it is seen: the splines' patch is 3 % too wide or too narrow where it is four cells across.
-            capture.stats.contact_area_mm2 = capture.surface.seen_mm2(&capture.contact);
         }
         let picked = |k: usize| my * (k / nx) * (mx * (nx - 1) + 1) + mx * (k % nx);
         capture.surface.positions = (0..nx * ny).map(|k| capture.surface.positions[picked(k)]).collect();

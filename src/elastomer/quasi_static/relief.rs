@@ -19,7 +19,7 @@ pub use self::grip::{Borne, finer_to_hold};
 use self::misfit::misfit_mm;
 use self::settle::settle;
 use self::smooth::smooth;
-use self::surroundings::{bent, is_covered, neighbours, part_below};
+use self::surroundings::{bent, is_covered, neighbours, part_below, touched};
 pub use self::trust::{force_fades_mm, left_at};
 use self::window::Window;
 pub use self::window::{finer, lattice};
@@ -82,6 +82,8 @@ pub struct Relief {
     pub misfit_mm: f64,
     /// What the grip bears besides; nothing where that was not asked for or not found.
     pub borne: Borne,
+    /// What is touched, as it is seen along z, mm^2.
+    pub seen_mm2: f64,
 }
 
 /// What stands over the points of a window without any pressure.
@@ -128,9 +130,12 @@ impl Splined<'_> {
             true => f64::INFINITY,
             false => misfit_mm(&change, &pressure, window),
         };
-        let borne = self.grip.and_then(|grip| self.borne(grip, face, window, &pressure)).unwrap_or_default();
+        let touched: Vec<f64> =
+            (0..window.count()).map(|k| touched(&pressure, &under.at_body, window.size[0], k)).collect();
+        let borne = self.grip.and_then(|grip| self.borne(grip, face, window, &touched)).unwrap_or_default();
         self.lay(face, contact, window, &change, &under.at_body, &pressure);
-        Some(Relief { force_n, misfit_mm, borne })
+        let seen_mm2 = face.parts_seen_mm2(|k| window.of(face, k).map_or(0.0, |k| touched[k]));
+        Some(Relief { force_n, misfit_mm, borne, seen_mm2 })
     }
 
     /// The splines' pressure at every point of the lattice, MPa.

@@ -74,6 +74,11 @@ impl ShearCompliance {
         }
     }
 
+    /// How far a point gives way under a traction on it alone, mm per MPa.
+    pub fn own(&self) -> f32 {
+        self.of_wave.iter().map(|(mean, _)| mean).sum()
+    }
+
     /// Displacements under tractions, mm and MPa, x running fastest.
     pub fn displacement(&mut self, traction: &[Complex<f32>], out: &mut [Complex<f32>]) {
         let ([nx, ny], [px, py]) = (self.size, self.transforms.padded);

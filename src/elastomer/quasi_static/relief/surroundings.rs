@@ -10,6 +10,11 @@ const PLACES: u32 = 8;
 /// face lies outside.
 const COVERED: f32 = 0.1;
 
+/// A contact that ends under a body goes on beyond the last points that are pressed by this part of their spacing. Found by experiment:
+/// of spheres that stick the radius and, turned, the torque over points 0.05, 0.025 and 0.0125 mm apart (radius 2, 0.5 mm deep, and 4,
+/// 0.5 and 1 mm) lie on lines whose slopes tell of it.
+const BEYOND: f64 = 0.2;
+
 /// The points beside one.
 pub fn neighbours(k: usize, nx: usize) -> impl Iterator<Item = usize> {
     [k.wrapping_sub(1), k + 1, k.wrapping_sub(nx), k + nx].into_iter()
@@ -39,4 +44,19 @@ pub fn is_covered(pressure: &[f32], nx: usize, k: usize) -> bool {
         .filter_map(|k| pressure.get(k).filter(|p| **p > 0.0))
         .fold((0.0, 0u8), |(sum, n), p| (sum + p, n + 1));
     pressure[k] > 0.0 && (n == 4 || pressure[k] * f32::from(n) >= COVERED * sum)
+}
+
+/// What part of what a point stands for is touched: all that is covered, and beside that, where the body goes on, a rim.
+pub fn touched(pressure: &[f32], at_body: &[Option<f64>], nx: usize, k: usize) -> f64 {
+    let below = |k: usize| at_body.get(k).is_some_and(Option::is_some);
+    let covered = |k: usize| below(k) && is_covered(pressure, nx, k);
+    if covered(k) {
+        return 1.0;
+    }
+    if !below(k) || !neighbours(k, nx).all(below) {
+        return 0.0;
+    }
+    // (Along a lattice an edge is 4 / pi times as long as it is, at a mean over its directions.)
+    let beside = neighbours(k, nx).filter(|n| covered(*n)).count() as f64;
+    (BEYOND * std::f64::consts::FRAC_PI_4 * beside).min(1.0)
 }
