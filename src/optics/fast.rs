@@ -22,6 +22,7 @@
 
 mod alike;
 mod bounce;
+mod byway;
 mod cover;
 mod crease;
 mod desk;
@@ -46,6 +47,7 @@ mod parted;
 mod piece;
 mod plate;
 mod probes;
+mod profile;
 mod radiosity;
 mod raster;
 mod record;
@@ -223,7 +225,7 @@ impl Precomputed {
         // (Beside a level face walls are parted, and light finds its own way.)
         let level = parted::level_of(untouched);
         let buried = |p: Vec3| level.is_none() && p.z < heights.at(p.truncate()) - BURIED_MM;
-        let solved = Radiosity::new(&world, &lamps, events, buried);
+        let solved = Radiosity::new(&world, &lamps, slab, events, buried);
         let view = View::new(&fine_camera(untouched)?, slab);
         lights_off_face(&untouched.lights, &view, pixel_mm(&view), [low, high], rest)?;
         let top = pad.mesh.positions.iter().fold(f32::NEG_INFINITY, |top, p| top.max(p.z));
@@ -250,7 +252,7 @@ impl Precomputed {
             fixed_lights,
             covers,
             glow,
-            veils: slab.map_or_else(Vec::new, |slab| fixed::veils(&view, &slab, &world, &solved)),
+            veils: slab.map_or_else(Vec::new, |slab| fixed::veils(&view, &slab, &world, &lamps, &solved)),
         };
         Ok(Self::assemble(untouched, view, sources, tables))
     }

@@ -95,7 +95,7 @@ impl Echo {
                     let from = on_face(start, along, rest) + Vec3::Z * above;
                     let to = towards(direction, a, b);
                     let mut dice = hash(cell as u32, k as u32);
-                    world.follow(from, to, &mut dice).map_or(u32::MAX, |(met, _)| met.element as u32)
+                    world.follow(from, to, &mut dice).map_or(u32::MAX, |met| met.element as u32)
                 })
             })
             .collect();
@@ -109,7 +109,7 @@ impl Echo {
                 let look = |(k, direction): (usize, &Vec3)| {
                     let mut dice = hash(node as u32, k as u32);
                     let met = world.follow(origin, *direction, &mut dice);
-                    met.map_or(u32::MAX, |(met, _)| met.element as u32)
+                    met.map_or(u32::MAX, |met| met.element as u32)
                 };
                 looks.iter().enumerate().map(look).collect()
             })
@@ -168,7 +168,7 @@ impl Echo {
                     let met = radiosity::met_by(world, element as usize, PATCH_RAYS, &buried);
                     area += world.area(element as usize) * met.len() as f32 / PATCH_RAYS as f32;
                     rays += met.len();
-                    for to in met.iter().map(|e| group(&radiosity::element_of(*e))) {
+                    for to in met.iter().map(group) {
                         if to != NOWHERE {
                             parts[usize::from(to)] += 1.0;
                         }

@@ -1,6 +1,7 @@
 //! What of the sensor shows beside the pad, and in a plate: the same in every picture.
 
 use super::DIRECT_LIFT_MM;
+use super::byway::Byways;
 use super::cover::{SAMPLES, place};
 use super::plate::Slab;
 use super::radiosity::{Radiosity, cosine};
@@ -14,7 +15,7 @@ use rayon::prelude::*;
 use std::f32::consts::FRAC_1_PI;
 
 /// What a plate mirrors into each pixel, by light of radiance 1. Where the edge of a lamp is mirrored, pixels are sampled.
-pub fn veils(view: &View, slab: &Slab, world: &World, solved: &Radiosity) -> Vec<Vec<Vec3>> {
+pub fn veils(view: &View, slab: &Slab, world: &World, lamps: &[Lamp], solved: &Radiosity) -> Vec<Vec<Vec3>> {
     let camera = &view.camera;
     let [columns, rows] = view.corners();
     // By light, and the lamp that each of the two images shows.
@@ -27,7 +28,7 @@ pub fn veils(view: &View, slab: &Slab, world: &World, solved: &Radiosity) -> Vec
                 *sum += solved.radiance(met.element, light) * weight;
             }
             let lamp = met.light.filter(|_| met.front)?;
-            sums[lamp] += Vec3::splat(weight);
+            sums[lamp] += Vec3::splat(weight * lamps[lamp].radiance(-up.dot(met.normal)));
             Some(lamp)
         })
     };
@@ -83,6 +84,7 @@ pub struct Looks<'a> {
     /// The same without pad and plates: what stands above a plate is not in its way, walls are wider than the view there.
     bare: World,
     lamps: &'a [Lamp],
+    byways: Byways<'a>,
     solved: &'a Radiosity,
     /// No press lifts the pad to this height.
     high: f32,
@@ -108,7 +110,8 @@ impl<'a> Looks<'a> {
     ) -> Result<Self, Error> {
         let bare = World::new(&Scene { surfaces: solid(scene), ..scene.clone() }, false)?;
         let gathers = scene.max_events >= LEAST_EVENTS && !world.has_clear();
-        Ok(Self { view, world, bare, lamps, solved, high, buried, gathers })
+        let byways = Byways::new(world, lamps, view.slab);
+        Ok(Self { view, world, bare, lamps, byways, solved, high, buried, gathers })
     }
 
     /// All corners of pixels.
@@ -120,7 +123,7 @@ impl<'a> Looks<'a> {
 
     /// A point of the raster, in pixels; what a lamp reflects there is gathered over so many rays.
     pub fn at(&self, at: Vec2, rays: u32) -> Look {
-        let Self { view, world, bare, lamps, solved, high, buried, gathers } = self;
+        let Self { view, world, bare, lamps, solved, high, buried, gathers, .. } = self;
         let [start, along] = view.ray(at);
         let direction = along.normalize();
         let Some(met) = bare.trace(start + direction * bare.offset, direction) else {
@@ -132,19 +135,25 @@ impl<'a> Looks<'a> {
         let Some(whole) = free.filter(|whole| whole.hit.t >= met.hit.t * 0.999) else {
             return Look { value, lights: vec![Vec3::ZERO; lamps.len()], ..Look::default() };
         };
-        let shines = met.front && met.light.is_some();
-        let rays = if buried(met.hit.point) { Some(GATHERED) } else { (shines && *gathers).then_some(rays) };
-        let met_there = rays.map(|rays| self.met_from(at, met.hit.point, met.normal, rays));
-        let scattered = |l: usize| match (&met_there, rays) {
+        let lamp = met.light.filter(|_| met.front);
+        let gathered = match buried(met.hit.point) {
+            true => Some(GATHERED),
+            false => (lamp.is_some() && *gathers).then_some(rays),
+        };
+        let met_there = gathered.map(|rays| self.met_from(at, met.hit.point, met.normal, rays));
+        let scattered = |l: usize| match (&met_there, gathered) {
             (Some(met_there), Some(rays)) => {
                 let sum: Vec3 = met_there.iter().map(|there| self.radiance(there, l)).sum();
                 met.albedo * sum / rays as f32
             }
             _ => solved.shown(whole.element, l),
         };
+        let radiance = lamp.map_or(0.0, |lamp| lamps[lamp].radiance(-direction.dot(met.normal)));
+        let seed = [at.x.to_bits(), at.y.to_bits()];
+        let by_plate = self.byways.irradiances(met.hit.point, met.normal, seed, rays / RAYS_A_PLACE);
         let of_light = |l: usize| {
-            let e = world.direct(met.hit.point, met.normal, met.light, l, &lamps[l]);
-            let own = if met.front && met.light == Some(l) { Vec3::ONE } else { Vec3::ZERO };
+            let e = world.direct(met.hit.point, met.normal, met.light, l, &lamps[l]) + by_plate[l];
+            let own = if lamp == Some(l) { Vec3::splat(radiance) } else { Vec3::ZERO };
             met.albedo * (FRAC_1_PI * e) + scattered(l) + own
         };
         Look {
@@ -152,7 +161,7 @@ impl<'a> Looks<'a> {
             lights: (0..lamps.len()).map(of_light).collect(),
             shows: true,
             high: met.hit.point.z > *high,
-            lamp: met.light.filter(|_| met.front),
+            lamp,
             point: met.hit.point,
             normal: met.normal,
             albedo: met.albedo,
@@ -201,6 +210,8 @@ const GATHERED: u32 = 16;
 /// Rays from a point of a lamp at a corner of pixels, and at one of a pixel's samples.
 const RAYS: u32 = 64;
 pub const SAMPLE_RAYS: u32 = 8;
+/// For so many of them one place of each lamp is looked at by way of a plate.
+const RAYS_A_PLACE: u32 = 4;
 /// What is so near, in edges of a patch, is lit more unevenly than patches tell.
 const NEAR: f32 = 3.0;
 /// Fewest events of a scene in which one more or less does not count.

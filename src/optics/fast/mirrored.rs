@@ -64,8 +64,8 @@ impl<'a> Mirrored<'a> {
                 if cos <= 0.0 || self.is_hidden(&slab, from, place, image.direction) {
                     continue;
                 }
-                let profile = self.lamps[place.light].source.profile(place.point, place.point - arrives);
-                let weight = image.reflected * profile * image.angle_per_mm2 * cos * place.area_mm2;
+                let radiance = self.lamps[place.light].radiance(cos);
+                let weight = image.reflected * radiance * image.angle_per_mm2 * cos * place.area_mm2;
                 tell(place.light, image.direction, weight);
             }
         }

@@ -5,6 +5,8 @@
 //! t that in glass, it gets r = h x + t x / sqrt(n^2 + (n^2 - 1) x^2) ahead (see `reference::plate`). A path that is
 //! reflected twice inside is one through a plate three times as thick.
 
+mod way;
+
 use crate::optics::bsdf::fresnel;
 use crate::optics::{Error, Material, Mesh, Role, Scene};
 use glam::{Vec2, Vec3};
@@ -196,7 +198,6 @@ impl Slab {
 
     /// How a point `y` below appears from a point `p` below: by the lower face (`order` 0), or after so many reflections at the upper one.
     pub fn image(&self, p: Vec3, y: Vec3, order: usize) -> Image {
-        let n2 = self.ior * self.ior;
         let flat = (y - p).truncate();
         let r = flat.length();
         let air = (2.0 * self.low - p.z - y.z).max(1e-4);
@@ -208,12 +209,20 @@ impl Slab {
             0 => face,
             _ => (1.0 - face) * (1.0 - face) * face.powi(2 * order as i32 - 1),
         };
+        let ahead = if r > 0.0 { flat * (x / r) } else { Vec2::ZERO };
+        let angle_per_mm2 = self.angle_per_mm2([x, cos], r, air, glass);
+        Image { direction: ahead.extend(1.0) * cos, reflected, angle_per_mm2 }
+    }
+
+    /// Solid angle in air that a square millimetre fills which faces the way there, at the end of a path that gets `r` ahead; `x` is
+    /// the tangent of its angle in air.
+    fn angle_per_mm2(&self, [x, cos]: [f32; 2], r: f32, air: f32, glass: f32) -> f32 {
         // The way ahead is r(x): a ring of directions about z fills x cos^3 dx, and x dx / (r dr) of a level one where it ends.
+        let n2 = self.ior * self.ior;
         let root = (n2 + (n2 - 1.0) * x * x).sqrt();
         let slope = air + glass * n2 / (root * root * root);
         let narrows = if r > 1e-6 { x / r } else { 1.0 / (air + glass / self.ior) };
-        let ahead = if r > 0.0 { flat * (x / r) } else { Vec2::ZERO };
-        Image { direction: ahead.extend(1.0) * cos, reflected, angle_per_mm2: cos * cos * narrows / slope }
+        cos * cos * narrows / slope
     }
 
     /// Whether the point is below the plate.

@@ -100,7 +100,7 @@ pub fn gather(
             for (k, (direction, weights)) in directions.iter().zip(&kernel).enumerate() {
                 let mut dice = hash(node as u32, k as u32);
                 // (A light itself is direct light, and mirrored it is looked at below.)
-                let Some((met, _)) = world.follow(origin, *direction, &mut dice) else { continue };
+                let Some(met) = world.follow(origin, *direction, &mut dice) else { continue };
                 let radiances = solved.radiances(met.element);
                 for (sums, weight) in sums.chunks_exact_mut(radiances.len()).zip(weights) {
                     for (sum, radiance) in sums.iter_mut().zip(radiances) {

@@ -4,12 +4,14 @@
 //! between is accounted for; the rows of elements met are kept and the bounces are then a sparse product. Bounces are
 //! counted: an event limit cuts the series here as it does in the reference.
 
+use super::byway::Byways;
+use super::plate::Slab;
 use super::source::Lamp;
 use super::world::World;
 use crate::optics::sampler::{Sampler, hash};
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
-use std::f32::consts::{FRAC_1_PI, PI, TAU};
+use std::f32::consts::{FRAC_1_PI, TAU};
 
 /// Rays of an element without and with clear bodies, at which chance splits them; their errors average out over the many
 /// elements that a probe sees (with four times the rays a picture changes by 0.02 % of its mean and 0.25 %).
@@ -36,20 +38,24 @@ impl Radiosity {
     /// After 1 to `events` scatterings; what the camera sees after one more.
     ///
     /// `buried` tells which points lie under the untouched face: patches of walls that reach below a curved one count
-    /// only their part above, which is what the camera's side sees of them.
-    pub fn new(world: &World, lamps: &[Lamp], events: u32, buried: impl Fn(Vec3) -> bool + Sync) -> Self {
+    /// only their part above, which is what the camera's side sees of them. What a plate, if there is one, mirrors of lamps and
+    /// lets through is direct light, too.
+    pub fn new(
+        world: &World,
+        lamps: &[Lamp],
+        slab: Option<Slab>,
+        events: u32,
+        buried: impl Fn(Vec3) -> bool + Sync,
+    ) -> Self {
         let (n, lights) = (2 * world.patches, lamps.len());
-        let mut direct: Vec<f32> =
-            (0..n).into_par_iter().flat_map_iter(|k| direct(world, lamps, k, &buried)).collect();
+        let byways = Byways::new(world, lamps, slab);
+        let of_element = |k: usize| {
+            let mut sums = direct(world, lamps, k, &buried);
+            byways.add_to(&mut sums, k, |point, normal| buried(point) || covered(world, point, normal));
+            sums
+        };
+        let direct: Vec<f32> = (0..n).into_par_iter().flat_map_iter(of_element).collect();
         let rows: Vec<Vec<u32>> = (0..n).into_par_iter().map(|k| row(world, k, &buried)).collect();
-        // What reaches an element by way of clear bodies is known from the rays alone.
-        for (k, row) in rows.iter().enumerate() {
-            for &lit in row.iter().filter(|&&met| met != NOTHING && met & LIT != 0) {
-                if let Some(light) = world.element((lit & !LIT) as usize).1 {
-                    direct[k * lights + light] += PI / row.len() as f32;
-                }
-            }
-        }
         let albedos: Vec<Vec3> = (0..n).map(|k| world.element(k).0).collect();
         let colours = if albedos.iter().all(|a| a.x == a.y && a.y == a.z) { 1 } else { 3 };
         let vectors = (lights * colours).div_ceil(4);
@@ -74,7 +80,7 @@ impl Radiosity {
                     let mut arrived = Vec4::ZERO;
                     for &met in row {
                         if met != NOTHING {
-                            arrived += before[(met & !LIT) as usize * vectors + v];
+                            arrived += before[met as usize * vectors + v];
                         }
                     }
                     *sum = arrived * reflectances[v] * share;
@@ -149,11 +155,6 @@ fn row(world: &World, element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec<u32
     met_by(world, element, RAYS[usize::from(world.has_clear())], buried)
 }
 
-/// The element that a ray met, of what [`met_by`] tells; one that is none where it met nothing.
-pub fn element_of(met: u32) -> u32 {
-    if met == NOTHING { NOTHING } else { met & !LIT }
-}
-
 /// The elements met by the rays of one, [`NOTHING`] where a ray meets none; rays from points that something covers are
 /// left out.
 pub fn met_by(world: &World, element: usize, rays: u32, buried: &impl Fn(Vec3) -> bool) -> Vec<u32> {
@@ -167,18 +168,13 @@ pub fn met_by(world: &World, element: usize, rays: u32, buried: &impl Fn(Vec3) -
             }
             let mut dice = hash(element as u32, i);
             let met = world.follow(point + normal * world.offset, cosine(normal, a, b), &mut dice);
-            Some(met.map_or(NOTHING, |(met, clear)| {
-                let lit = clear && met.light.is_some() && met.front;
-                met.element as u32 | if lit { LIT } else { 0 }
-            }))
+            Some(met.map_or(NOTHING, |met| met.element as u32))
         })
         .collect()
 }
 
 /// In place of an element.
 const NOTHING: u32 = u32::MAX;
-/// Set where the ray came by way of a clear body to the shining side of a light.
-const LIT: u32 = 1 << 31;
 
 /// A direction about `normal` with density cos/pi.
 pub fn cosine(normal: Vec3, a: f32, b: f32) -> Vec3 {
@@ -223,7 +219,7 @@ mod tests {
         };
         let world = World::new(&scene, true).unwrap();
         let lamps: Vec<Lamp> = scene.lights.iter().filter_map(Lamp::new).collect();
-        let solved = Radiosity::new(&world, &lamps, 40, |_| false);
+        let solved = Radiosity::new(&world, &lamps, None, 40, |_| false);
         // The lamp sends pi x area x L; all is absorbed in the end: (1 - 1/2) E = power, and radiance = E / 2 pi.
         let mut sent = 0.0;
         for k in (1..2 * world.patches).step_by(2) {

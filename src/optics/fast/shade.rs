@@ -6,6 +6,7 @@
 
 use super::lanes::{Eight, Vectors, WIDTH, lanes};
 use super::probes;
+use super::profile::Profile;
 use super::slots::{POSITION, Slots};
 use super::source::{KEPT, Line, Source, coarse};
 use super::vector::{edges, quadrilateral};
@@ -26,8 +27,8 @@ pub struct Block<'a, const N: usize> {
     fixed: Vec<Option<[Line; N]>>,
     /// By light: its corners, where it has a closed form.
     closed: Vec<Option<[Vec3; 4]>>,
-    /// By light: normal and exponent of its angular profile, where nothing bends what is seen of it.
-    angular: Vec<Option<(Vec3, f32)>>,
+    /// By light: its angular profile, where nothing bends what is seen of it.
+    angular: Vec<Option<Profile>>,
     /// By light: whether its field is not to be interpolated.
     exact: Vec<bool>,
     /// By light: what its irradiance counts for, as part of what may be wrong.
@@ -226,9 +227,8 @@ impl<'a, const N: usize> Block<'a, N> {
             lows[k] = low.unit();
             cuts[k] = (low + (high - low).scaled(part)).unit();
         }
-        if let Some((normal, power)) = self.angular[l] {
-            let radiance = |q: Vectors| q.dot(Vectors::all(-normal)).max(zero).powf(power);
-            return strips(&lows, &cuts, step, radiance).dot(normals) * Eight::all(-0.5);
+        if let Some(profile) = self.angular[l] {
+            return strips(&lows, &cuts, step, |q| profile.seen(q)).dot(normals) * Eight::all(-0.5);
         }
         let mut sum = edges(lows[N - 1], cuts[N - 1]) + edges(cuts[0], lows[0]);
         for k in (step..N).step_by(step) {

@@ -46,7 +46,7 @@ pub fn gather(
                 for ray in 0..RAYS {
                     let [a, b, ..] = sampler.group(ray, direction as u32);
                     let mut dice = hash(node as u32, direction as u32 * RAYS + ray);
-                    let Some((met, _)) = world.follow(origin, towards(direction, a, b), &mut dice) else {
+                    let Some(met) = world.follow(origin, towards(direction, a, b), &mut dice) else {
                         continue;
                     };
                     for (sum, radiance) in sums.iter_mut().zip(solved.radiances(met.element)) {

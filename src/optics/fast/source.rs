@@ -5,6 +5,7 @@
 //! lines of a rectangle are fixed; those of a tube turn with the receiver, and through a plate lines appear elsewhere.
 
 use super::plate::Slab;
+use super::profile::Profile;
 use super::tables::arriving;
 use crate::optics::{Light, LightShape, emitter::Emitter};
 use glam::Vec3;
@@ -36,8 +37,8 @@ pub struct Source {
     outline: Outline,
     /// Unit normal; 0 for a tube.
     normal: Vec3,
-    /// Exponent of the angular profile.
-    cosine_power: f32,
+    /// Angular profile, where it has one.
+    profile: Option<Profile>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -57,6 +58,8 @@ pub struct Lamp {
     pub source: Source,
     /// Middle of the luminous surface.
     pub center: Vec3,
+    /// Corners of the box around it.
+    pub bounds: [Vec3; 2],
     emitter: Emitter,
 }
 
@@ -64,7 +67,21 @@ impl Lamp {
     /// From a light; None where there is no [`Source`].
     pub fn new(light: &Light) -> Option<Self> {
         let emitter = Emitter::new(light);
-        Some(Self { source: Source::new(light)?, center: emitter.center, emitter })
+        let inf = Vec3::splat(f32::INFINITY);
+        let points = light.shape.tessellate().positions;
+        let bounds = points.iter().fold([inf, -inf], |[low, high], p| [low.min(*p), high.max(*p)]);
+        Some(Self { source: Source::new(light)?, center: emitter.center, bounds, emitter })
+    }
+
+    /// A point of it for two numbers in the unit square, evenly spread over its area; its normal there, and that area, mm^2.
+    pub fn place(&self, u: [f32; 2]) -> (Vec3, Vec3, f32) {
+        let place = self.emitter.sample(u.into());
+        (place.point, place.normal, 1.0 / place.pdf_area)
+    }
+
+    /// Radiance at this cosine to the normal of a point, of radiance 1 along it.
+    pub fn radiance(&self, cos: f32) -> f32 {
+        self.emitter.profile(cos)
     }
 
     /// A point just before the surface that shines at a receiver, by which it is told whether the light is hidden.
@@ -110,7 +127,12 @@ impl Source {
             LightShape::Tube { from, to, radius } => (Outline::Tube(*from, *to, *radius), Vec3::ZERO),
             LightShape::Mesh(_) => return None,
         };
-        Some(Self { outline, normal, cosine_power: light.cosine_power })
+        let power = light.cosine_power;
+        let profile = match outline {
+            Outline::Tube(from, to, _) => Some(Profile::around((to - from).normalize_or_zero(), power)),
+            _ => (normal != Vec3::ZERO).then(|| Profile::flat(normal, power)),
+        };
+        Some(Self { outline, normal, profile: profile.filter(|_| power > 0.0) })
     }
 
     /// Whether its lines are the same from everywhere.
@@ -126,7 +148,7 @@ impl Source {
     /// Whether Lambert's formula for its corners is exact.
     pub fn corners(&self) -> Option<[Vec3; 4]> {
         match self.outline {
-            Outline::Rectangle(corners) if self.cosine_power == 0.0 => Some(corners),
+            Outline::Rectangle(corners) if self.profile.is_none() => Some(corners),
             _ => None,
         }
     }
@@ -142,17 +164,14 @@ impl Source {
         }
     }
 
-    /// Normal and exponent of its angular profile, where it has one.
-    pub fn angular(&self) -> Option<(Vec3, f32)> {
-        (self.cosine_power > 0.0 && self.normal != Vec3::ZERO).then_some((self.normal, self.cosine_power))
+    /// Its angular profile, where it has one.
+    pub fn angular(&self) -> Option<Profile> {
+        self.profile
     }
 
     /// Radiance towards a point, for a light of radiance 1 along its normal at `from`.
-    pub fn profile(&self, from: Vec3, point: Vec3) -> f32 {
-        if self.cosine_power == 0.0 || self.normal == Vec3::ZERO {
-            return 1.0;
-        }
-        (point - from).normalize_or_zero().dot(self.normal).max(0.0).powf(self.cosine_power)
+    pub fn radiance(&self, from: Vec3, point: Vec3) -> f32 {
+        self.profile.map_or(1.0, |profile| profile.radiance(point - from))
     }
 
     /// Line `k` of `n + 1` evenly spread ones, as it stands for a receiver at `p`.

@@ -33,7 +33,7 @@ pub fn direct(
 
 /// A layout fine enough for a light's profile: steps go by its width, which is about 1 / sqrt(exponent).
 fn fine(source: &Source, layout: &Layout) -> Layout {
-    let exponent = source.angular().map_or(0.0, |(_, exponent)| exponent);
+    let exponent = source.angular().map_or(0.0, |profile| profile.power());
     let part = (1.0 + 0.5 * exponent).sqrt().recip().max(FINEST);
     Layout { step_mm: part * layout.step_mm, lift_step_mm: part * layout.lift_step_mm, ..*layout }
 }
@@ -55,7 +55,7 @@ pub fn arriving(source: &Source, slab: Option<&Slab>, point: Vec3) -> Vec3 {
         for j in 0..up {
             let corners = [before.at[j], now.at[j], now.at[j + 1], before.at[j + 1]];
             let middle = 0.25 * corners.iter().sum::<Vec3>();
-            let profile = source.profile(middle, point);
+            let profile = source.radiance(middle, point);
             let Some(slab) = slab else {
                 sum += irradiance(&corners.map(|c| c - point)) * profile;
                 continue;
@@ -72,11 +72,12 @@ pub fn arriving(source: &Source, slab: Option<&Slab>, point: Vec3) -> Vec3 {
 
 /// How many patches along and up a light has, as seen from a point: the steeper the profile there, the more.
 fn cuts(source: &Source, point: Vec3) -> [usize; 2] {
-    let Some((normal, power)) = source.angular() else { return [ALONG[0], UP[0]] };
+    let Some(profile) = source.angular() else { return [ALONG[0], UP[0]] };
     let [first, middle, last] = [0, 1, 2].map(|k| source.line(k, 2, point));
     let away = 0.5 * (middle[0] + middle[1]) - point;
-    let cosine = (-away.dot(normal) / away.length().max(1e-12)).clamp(1e-3, 1.0);
-    let steepness = power * (1.0 / (cosine * cosine) - 1.0).sqrt() / (CHANGE * away.length().max(1e-12));
+    let cosine = (profile.along(-away) / away.length().max(1e-12)).clamp(1e-3, 1.0);
+    let steepness =
+        profile.power() * (1.0 / (cosine * cosine) - 1.0).sqrt() / (CHANGE * away.length().max(1e-12));
     let cut = |extent: Vec3, [least, most]: [usize; 2]| {
         ((steepness * extent.length()).ceil() as usize).clamp(least, most)
     };
@@ -137,6 +138,37 @@ mod tests {
             let truth: f32 = (0..facets.triangles.len() / 2).map(facet).sum();
             let found = arriving(&source, None, p).z;
             assert!((found / truth - 1.0).abs() < 6e-3, "{p}: {found} {truth}");
+        }
+    }
+
+    #[test]
+    fn a_tube_with_a_profile_gives_as_much_light_as_places_all_over_it() {
+        for (to, radius) in [(Vec3::new(-9.0, 6.0, 5.0), 0.2), (Vec3::new(-9.0, -3.0, 9.0), 0.5)] {
+            for power in [0.5, 1.0, 4.0] {
+                let light = Light {
+                    name: "tube".to_owned(),
+                    shape: LightShape::Tube { from: Vec3::new(-9.0, -4.0, 5.0), to, radius },
+                    radiance: Vec3::ONE,
+                    two_sided: false,
+                    cosine_power: power,
+                    albedo: Vec3::ZERO,
+                };
+                let lamp = super::super::source::Lamp::new(&light).unwrap();
+                let places = 1 << 14;
+                let sampler = crate::optics::sampler::Sampler::new(1, 2, 3, places);
+                for p in [Vec3::ZERO, Vec3::new(-6.0, 6.0, 0.4), Vec3::new(7.0, -5.0, 0.0)] {
+                    let of_place = |i| {
+                        let [a, b, ..] = sampler.group(i, 0);
+                        let (place, normal, area) = lamp.place([a, b]);
+                        let to = place - p;
+                        let cos = -to.dot(normal) / to.length();
+                        lamp.radiance(cos) * cos.max(0.0) * to.z / to.length().powi(3) * area
+                    };
+                    let truth = (0..places).map(of_place).sum::<f32>() / places as f32;
+                    let found = arriving(&lamp.source, None, p).z;
+                    assert!((found / truth - 1.0).abs() < 0.015, "{power} {radius} {p}: {found} {truth}");
+                }
+            }
         }
     }
 }

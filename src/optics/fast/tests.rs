@@ -1,3 +1,5 @@
+mod lamps;
+
 use super::*;
 use crate::optics::{Film, LightShape, Material, Mesh, Role, Surface, bench_scene, reference};
 use std::f32::consts::FRAC_1_PI;

@@ -199,12 +199,12 @@ impl World {
         })
     }
 
-    /// The first surface that is not clear, along a path that reflects or refracts by chance at clear ones, and whether
-    /// there were any. `dice` is the state of the chance.
-    pub fn follow(&self, mut origin: Vec3, mut direction: Vec3, dice: &mut u32) -> Option<(Met, bool)> {
-        for crossing in 0..MOST_CROSSINGS {
+    /// The first surface that is not clear, along a path that reflects or refracts by chance at clear ones. `dice` is the state of
+    /// the chance.
+    pub fn follow(&self, mut origin: Vec3, mut direction: Vec3, dice: &mut u32) -> Option<Met> {
+        for _ in 0..MOST_CROSSINGS {
             let met = self.trace(origin, direction)?;
-            let Some(eta) = met.eta else { return Some((met, crossing > 0)) };
+            let Some(eta) = met.eta else { return Some(met) };
             let cos = -direction.dot(met.normal);
             *dice = hash(*dice, 0x51ab);
             let chance = (*dice >> 8) as f32 * (1.0 / 16_777_216.0);

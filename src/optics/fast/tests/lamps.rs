@@ -1,0 +1,85 @@
+//! Lamps whose light comes by way of a plate, and lamps with an angular profile, against the reference.
+
+use super::*;
+use bench_scene::Variant;
+
+/// The benchmark scene under a plate over its lamps, between grey walls, with changed lights.
+fn under_plate(change: fn(&mut crate::optics::Light)) -> Scene {
+    let mut scene = scene(Variant::B, |_, _| 0.0);
+    for surface in &mut scene.surfaces {
+        match surface.role {
+            Role::Plate => {
+                Arc::make_mut(&mut surface.mesh).positions.iter_mut().for_each(|p| p.z += 5.5);
+            }
+            Role::Housing => {
+                surface.material = Material::Lambert { albedo: crate::optics::Albedo::grey(0.5) }
+            }
+            _ => {}
+        }
+    }
+    scene.lights.iter_mut().for_each(change);
+    scene
+}
+
+/// How far a picture is off in means of 8 x 8 pixels, what is stated of it, and the ratio of means.
+fn off(scene: &Scene) -> (f64, f64, Vec3) {
+    let once = Precomputed::new(scene).unwrap();
+    let (film, stated) = Renderer::new(&once, scene, 0.005).unwrap().render_with_error();
+    let judge = reference::Renderer::new(scene).unwrap();
+    let [a, b] = [1, 2].map(|seed| judge.render(&reference::Settings { samples: 48, seed }).shrunk(8));
+    let means = film.mean() / ((a.mean() + b.mean()) * 0.5);
+    let film = film.shrunk(8);
+    let apart =
+        film.pixels.iter().zip(a.pixels.iter().zip(&b.pixels)).map(|(f, (a, b))| (*f - *a).dot(*f - *b));
+    let mean_square = f64::from(apart.sum::<f32>()) / (3 * film.pixels.len()) as f64;
+    (mean_square.max(0.0).sqrt() / f64::from(a.mean().element_sum() / 3.0), stated, means)
+}
+
+#[test]
+fn small_lamps_under_a_plate_leave_no_marks() {
+    let scene = under_plate(|light| {
+        let LightShape::Rectangle { half_u, half_v, .. } = &mut light.shape else { return };
+        // (As large as a light-emitting diode.)
+        (*half_u, *half_v) = (half_u.normalize() * 0.7, half_v.normalize() * 0.7);
+        light.radiance *= 10.0;
+    });
+    let (error, stated, means) = off(&scene);
+    assert!(error < stated && (means - Vec3::ONE).abs().max_element() < 0.01, "{error} {stated} {means}");
+}
+
+#[test]
+fn profiles_count_in_what_comes_by_way_of_walls_and_plate() {
+    let (error, stated, means) = off(&under_plate(|light| light.cosine_power = 4.0));
+    assert!(error < stated && (means - Vec3::ONE).abs().max_element() < 0.01, "{error} {stated} {means}");
+}
+
+#[test]
+fn tubes_have_their_profiles() {
+    for power in [1.0, 4.0] {
+        let mut scene = scene(Variant::Ac, |_, _| 0.0);
+        scene.lights.truncate(1);
+        let (from, to) = (Vec3::new(-9.5, -3.0, 3.0), Vec3::new(-9.5, 1.0, 3.5));
+        scene.lights[0].shape = LightShape::Tube { from, to, radius: 0.2 };
+        scene.lights[0].cosine_power = power;
+        let (error, stated, means) = off(&scene);
+        // (All of the light, as its colour is blue.)
+        assert!(error < stated && (means.z - 1.0).abs() < 0.015, "{power}: {error} {stated} {means}");
+    }
+}
+
+#[test]
+fn a_lamp_with_a_profile_is_seen_as_bright_as_it_shines_there() {
+    // It hangs in the view and shines upwards, past the camera.
+    let mut scene = scene(Variant::Ac, |_, _| 0.0);
+    scene.lights.truncate(1);
+    let (center, half_u, half_v) = (Vec3::new(-6.1, 0.2, 8.0), Vec3::X, Vec3::Y);
+    scene.lights[0].shape = LightShape::Rectangle { center, half_u, half_v };
+    scene.lights[0].cosine_power = 4.0;
+    let once = Precomputed::new(&scene).unwrap();
+    let film = Renderer::new(&once, &scene, 0.005).unwrap().render();
+    let truth =
+        reference::Renderer::new(&scene).unwrap().render(&reference::Settings { samples: 16, seed: 1 });
+    let brightest = |film: &Film| film.pixels.iter().map(|p| p.z).fold(0.0, f32::max);
+    let (found, truth) = (brightest(&film), brightest(&truth));
+    assert!((found / truth - 1.0).abs() < 0.02, "{found} {truth}");
+}
