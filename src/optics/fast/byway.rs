@@ -12,7 +12,7 @@ use glam::Vec3;
 /// Pairs of places of an element and of a lamp, from afar.
 const PAIRS: u32 = 64;
 /// Most times as many of a lamp that is near.
-const MOST_TIMES: f32 = 16.0;
+const MOST_TIMES: f32 = 8.0;
 /// Paths on which less arrives are left out, and all of a higher order.
 const LEAST_PART: f32 = 1e-4;
 /// How far before a face or a lamp a path ends, where it is asked what stands in its way, mm.
@@ -35,22 +35,26 @@ impl<'a> Byways<'a> {
     pub fn add_to(&self, sums: &mut [f32], element: usize, covered: impl Fn(Vec3, Vec3) -> bool) {
         let Some(slab) = self.slab.filter(|_| self.world.element(element).0 != Vec3::ZERO) else { return };
         let (middle, _) = self.world.point(element, [0.3, 0.3]);
-        let times = self.lamps.iter().map(|lamp| nearness(&slab, lamp, middle)).fold(1.0, f32::max);
-        let pairs = (PAIRS as f32 * times) as u32;
-        let sampler = Sampler::new(0xb1a7, element as u32, 0, pairs);
-        let (mut found, mut points) = (vec![0.0; sums.len()], 0);
-        for i in 0..pairs {
+        let pairs_of = |lamp: &Lamp| PAIRS << nearness(&slab, lamp, middle).log2() as u32;
+        let pairs: Vec<u32> = self.lamps.iter().map(pairs_of).collect();
+        let most = pairs.iter().copied().fold(PAIRS, u32::max);
+        let sampler = Sampler::new(0xb1a7, element as u32, 0, most);
+        let (mut found, mut points) = (vec![0.0; sums.len()], vec![0; sums.len()]);
+        for i in 0..most {
             let [u, v, a, b] = sampler.group(i, 0);
             let (point, normal) = self.world.point(element, [u, v]);
             if covered(point, normal) {
                 continue;
             }
-            points += 1;
-            for (lamp, found) in self.lamps.iter().zip(&mut found) {
-                *found += self.arriving(&slab, lamp, point, normal, [a, b]);
+            // (The first of them are as evenly spread as all.)
+            for (l, lamp) in self.lamps.iter().enumerate().filter(|(l, _)| i < pairs[*l]) {
+                points[l] += 1;
+                found[l] += self.arriving(&slab, lamp, point, normal, [a, b]);
             }
         }
-        sums.iter_mut().zip(found).for_each(|(sum, found)| *sum += found / points.max(1) as f32);
+        for (sum, (found, points)) in sums.iter_mut().zip(found.iter().zip(points)) {
+            *sum += found / points.max(1) as f32;
+        }
     }
 
     /// Irradiance of a point of each light of radiance 1, from so many places of each or more; two numbers pick them.
