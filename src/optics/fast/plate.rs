@@ -182,6 +182,11 @@ impl Slab {
         (flat * (x / r.max(1e-12))).extend(1.0)
     }
 
+    /// The part in air of the way from a point `p` below to a point `y` above, without reflections inside.
+    pub fn in_air(&self, p: Vec3, y: Vec3) -> Vec3 {
+        self.towards(p, y) * (y.z - p.z - self.glass()).max(1e-4)
+    }
+
     /// How a point `y` above appears from a point `p` below after `2 order` reflections inside.
     pub fn sighted(&self, p: Vec3, y: Vec3, order: usize) -> Sighted {
         let flat = (y - p).truncate();

@@ -169,9 +169,9 @@ impl Source {
         self.profile
     }
 
-    /// Radiance towards a point, for a light of radiance 1 along its normal at `from`.
-    pub fn radiance(&self, from: Vec3, point: Vec3) -> f32 {
-        self.profile.map_or(1.0, |profile| profile.radiance(point - from))
+    /// Radiance in a direction away from it, for a light of radiance 1 along its normal.
+    pub fn radiance(&self, away: Vec3) -> f32 {
+        self.profile.map_or(1.0, |profile| profile.radiance(away))
     }
 
     /// Line `k` of `n + 1` evenly spread ones, as it stands for a receiver at `p`.
@@ -216,6 +216,16 @@ impl Source {
                 }
             }
         }
+    }
+
+    /// The same for a receiver below a plate that it stands beyond: a tube is turned to where its light arrives from.
+    pub fn line_beyond(&self, slab: &Slab, k: usize, n: usize, p: Vec3) -> Line {
+        let [low, high] = self.line(k, n, p);
+        if self.is_fixed() {
+            return [low, high];
+        }
+        let middle = 0.5 * (low + high);
+        self.line(k, n, middle - slab.in_air(p, middle))
     }
 
     /// Its lines as vectors from `p`, as they appear there.

@@ -47,22 +47,27 @@ pub fn arriving(source: &Source, slab: Option<&Slab>, point: Vec3) -> Vec3 {
         return irradiance(&corners.map(|c| c - point));
     }
     let slab = slab.filter(|slab| slab.covers(point) && source.line(0, ALONG[0], point)[0].z > slab.high);
-    let [along, up] = cuts(source, point);
+    let [along, up] = cuts(source, slab, point);
     let mut sum = Vec3::ZERO;
-    let mut before = Points::new(source.line(0, along, point), up, point, slab);
+    let line = |k: usize| match slab {
+        Some(slab) => source.line_beyond(slab, k, along, point),
+        None => source.line(k, along, point),
+    };
+    let mut before = Points::new(line(0), up, point, slab);
     for k in 1..=along {
-        let now = Points::new(source.line(k, along, point), up, point, slab);
+        let now = Points::new(line(k), up, point, slab);
         for j in 0..up {
             let corners = [before.at[j], now.at[j], now.at[j + 1], before.at[j + 1]];
             let middle = 0.25 * corners.iter().sum::<Vec3>();
-            let profile = source.radiance(middle, point);
             let Some(slab) = slab else {
-                sum += irradiance(&corners.map(|c| c - point)) * profile;
+                sum += irradiance(&corners.map(|c| c - point)) * source.radiance(point - middle);
                 continue;
             };
             for (order, (before, now)) in before.seen.iter().zip(&now.seen).enumerate() {
-                let transmitted = slab.sighted(point, middle, order).transmitted;
-                sum += irradiance(&[before[j], now[j], now[j + 1], before[j + 1]]) * (profile * transmitted);
+                // (Light leaves the lamp along the way by which it arrives, beyond the plate.)
+                let sighted = slab.sighted(point, middle, order);
+                let arrives = source.radiance(-sighted.offset) * sighted.transmitted;
+                sum += irradiance(&[before[j], now[j], now[j + 1], before[j + 1]]) * arrives;
             }
         }
         before = now;
@@ -71,10 +76,12 @@ pub fn arriving(source: &Source, slab: Option<&Slab>, point: Vec3) -> Vec3 {
 }
 
 /// How many patches along and up a light has, as seen from a point: the steeper the profile there, the more.
-fn cuts(source: &Source, point: Vec3) -> [usize; 2] {
+fn cuts(source: &Source, slab: Option<&Slab>, point: Vec3) -> [usize; 2] {
     let Some(profile) = source.angular() else { return [ALONG[0], UP[0]] };
     let [first, middle, last] = [0, 1, 2].map(|k| source.line(k, 2, point));
-    let away = 0.5 * (middle[0] + middle[1]) - point;
+    let center = 0.5 * (middle[0] + middle[1]);
+    // (Through a plate, the part of the way in air: there directions change no less.)
+    let away = slab.map_or(center - point, |slab| slab.in_air(point, center));
     let cosine = (profile.along(-away) / away.length().max(1e-12)).clamp(1e-3, 1.0);
     let steepness =
         profile.power() * (1.0 / (cosine * cosine) - 1.0).sqrt() / (CHANGE * away.length().max(1e-12));
@@ -111,8 +118,10 @@ impl Points {
 
 #[cfg(test)]
 mod tests {
+    use super::super::source::Lamp;
     use super::*;
     use crate::optics::irradiance::polygon;
+    use crate::optics::sampler::Sampler;
     use crate::optics::{Light, LightShape};
 
     #[test]
@@ -153,9 +162,9 @@ mod tests {
                     cosine_power: power,
                     albedo: Vec3::ZERO,
                 };
-                let lamp = super::super::source::Lamp::new(&light).unwrap();
+                let lamp = Lamp::new(&light).unwrap();
                 let places = 1 << 14;
-                let sampler = crate::optics::sampler::Sampler::new(1, 2, 3, places);
+                let sampler = Sampler::new(1, 2, 3, places);
                 for p in [Vec3::ZERO, Vec3::new(-6.0, 6.0, 0.4), Vec3::new(7.0, -5.0, 0.0)] {
                     let of_place = |i| {
                         let [a, b, ..] = sampler.group(i, 0);
@@ -168,6 +177,45 @@ mod tests {
                     let found = arriving(&lamp.source, None, p).z;
                     assert!((found / truth - 1.0).abs() < 0.015, "{power} {radius} {p}: {found} {truth}");
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn a_lamp_with_a_profile_beyond_a_plate_gives_as_much_light_as_places_all_over_it() {
+        // A thick plate, just below the lamps: light leaves them far from where they are.
+        let slab = Slab { low: 0.5, high: 3.5, ior: 1.49 };
+        let (center, half_u) = (Vec3::new(-9.0, 1.0, 5.0), Vec3::Y * 4.0);
+        let shapes = [
+            LightShape::Rectangle { center, half_u, half_v: Vec3::Z },
+            LightShape::Tube { from: center - half_u, to: center + half_u, radius: 0.2 },
+        ];
+        for (shape, power) in shapes.into_iter().flat_map(|shape| [(shape.clone(), 1.0), (shape, 4.0)]) {
+            let light = Light {
+                name: "lamp".to_owned(),
+                shape,
+                radiance: Vec3::ONE,
+                two_sided: false,
+                cosine_power: power,
+                albedo: Vec3::ZERO,
+            };
+            let lamp = Lamp::new(&light).unwrap();
+            let places = 1 << 14;
+            let sampler = Sampler::new(1, 2, 3, places);
+            for p in [Vec3::ZERO, Vec3::new(-6.0, 6.0, 0.4), Vec3::new(7.0, -5.0, 0.0)] {
+                let of_place = |i| {
+                    let [a, b, ..] = sampler.group(i, 0);
+                    let (place, normal, area) = lamp.place([a, b]);
+                    let by_order = (0..ORDERS).map(|order| {
+                        let way = slab.way(p, place, order);
+                        let cos = way.leaves.dot(normal).max(0.0);
+                        way.part * lamp.radiance(cos) * cos * way.angle_per_mm2 * way.appears.z
+                    });
+                    by_order.sum::<f32>() * area
+                };
+                let truth = (0..places).map(of_place).sum::<f32>() / places as f32;
+                let found = arriving(&lamp.source, Some(&slab), p).z;
+                assert!((found / truth - 1.0).abs() < 0.015, "{power} {p}: {found} {truth}");
             }
         }
     }
