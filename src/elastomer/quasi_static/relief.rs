@@ -19,7 +19,7 @@ pub use self::grip::{Borne, finer_to_hold};
 use self::misfit::misfit_mm;
 use self::settle::settle;
 use self::smooth::smooth;
-use self::surroundings::{bent, is_covered, neighbours, part_below, touched};
+use self::surroundings::{bent, neighbours, part_below, touched};
 pub use self::trust::{force_fades_mm, left_at};
 use self::window::Window;
 pub use self::window::{finer, lattice};
@@ -133,8 +133,10 @@ impl Splined<'_> {
         let touched: Vec<f64> =
             (0..window.count()).map(|k| touched(&pressure, &under.at_body, window.size[0], k)).collect();
         let borne = self.grip.and_then(|grip| self.borne(grip, face, window, &touched)).unwrap_or_default();
-        self.lay(face, contact, window, &change, &under.at_body, &pressure);
-        let seen_mm2 = face.parts_seen_mm2(|k| window.of(face, k).map_or(0.0, |k| touched[k]));
+        self.lay(face, contact, window, &change, &under.at_body, &touched);
+        let mut parts = vec![0.0; face.nx * face.ny];
+        (0..window.count()).for_each(|k| parts[window.index(face, k)] = touched[k]);
+        let seen_mm2 = face.parts_seen_mm2(|k| parts[k]);
         Some(Relief { force_n, misfit_mm, borne, seen_mm2 })
     }
 
@@ -196,7 +198,7 @@ impl Splined<'_> {
         Under { at_body, gap, soft }
     }
 
-    /// Moves the face by `change`, less and less towards the ends of the window, and marks what is pressed.
+    /// Moves the face by `change`, less and less towards the ends of the window, and marks what is touched altogether.
     fn lay(
         &self,
         face: &mut Surface,
@@ -204,7 +206,7 @@ impl Splined<'_> {
         window: Window,
         change: &[f32],
         at_body: &[Option<f64>],
-        pressure: &[f32],
+        touched: &[f64],
     ) {
         let fade = [0, 1].map(|a| FADE * self.cell_mm[a] / window.spacing[a]);
         let count = [face.nx, face.ny];
@@ -220,7 +222,7 @@ impl Splined<'_> {
             let part = (inside(i, 0) * inside(j, 1)) as f32;
             // A soft point has not given way as far as the body reaches, and what bends is nearer than it is at a mean.
             let most = at_body[k].map_or(f32::INFINITY, |gap| gap as f32);
-            (part * change[k].min(most), at_body[k].is_some() && is_covered(pressure, window.size[0], k))
+            (part * change[k].min(most), touched[k] == 1.0)
         };
         let moved: Vec<(f32, bool)> =
             (0..window.count()).into_par_iter().with_min_len(FEW).map(moved).collect();

@@ -39,14 +39,14 @@ pub fn part_below(p: DVec3, spacing: [f64; 2], below: impl Fn(DVec3) -> Option<f
 }
 
 /// Whether a point stands for a part of the face that is pressed.
-pub fn is_covered(pressure: &[f32], nx: usize, k: usize) -> bool {
+fn is_covered(pressure: &[f32], nx: usize, k: usize) -> bool {
     let (sum, n) = neighbours(k, nx)
         .filter_map(|k| pressure.get(k).filter(|p| **p > 0.0))
         .fold((0.0, 0u8), |(sum, n), p| (sum + p, n + 1));
     pressure[k] > 0.0 && (n == 4 || pressure[k] * f32::from(n) >= COVERED * sum)
 }
 
-/// What part of what a point stands for is touched: all that is covered, and beside that, where the body goes on, a rim.
+/// What part of what a point stands for is touched: all, 1, of one that is covered, and beside that, where the body goes on, a rim.
 pub fn touched(pressure: &[f32], at_body: &[Option<f64>], nx: usize, k: usize) -> f64 {
     let below = |k: usize| at_body.get(k).is_some_and(Option::is_some);
     let covered = |k: usize| below(k) && is_covered(pressure, nx, k);
@@ -58,5 +58,5 @@ pub fn touched(pressure: &[f32], at_body: &[Option<f64>], nx: usize, k: usize) -
     }
     // (Along a lattice an edge is 4 / pi times as long as it is, at a mean over its directions.)
     let beside = neighbours(k, nx).filter(|n| covered(*n)).count() as f64;
-    (BEYOND * std::f64::consts::FRAC_PI_4 * beside).min(1.0)
+    BEYOND * std::f64::consts::FRAC_PI_4 * beside
 }

@@ -72,13 +72,6 @@ impl Window {
         self.at(k).1 * face.nx + self.at(k).0
     }
 
-    /// Which of its points one of the lattice's values is of, if any.
-    pub fn of(self, face: &Surface, index: usize) -> Option<usize> {
-        let [i, j] = [index % face.nx, index / face.nx];
-        let [i, j] = [i.checked_sub(self.from[0])?, j.checked_sub(self.from[1])?];
-        (i < self.size[0] && j < self.size[1]).then_some(j * self.size[0] + i)
-    }
-
     /// mm^2 of a point.
     pub fn area(self) -> f64 {
         self.spacing[0] * self.spacing[1]
