@@ -17,7 +17,7 @@ pub mod pad;
 pub mod quasi_static;
 pub mod settings;
 
-pub use capture::{ContactForces, ElastomerCapture, SolverStats, Surface};
+pub use capture::{ContactForces, ElastomerCapture, RimPoint, SolverStats, Surface};
 pub use material::{Law, Material};
 pub use mpm::ExplicitSolver;
 pub use pad::{Coating, Pad, PadShape};

@@ -129,6 +129,15 @@ pub struct SolverStats {
     pub held: Option<f64>,
 }
 
+/// A point beside a sharp edge that presses the face.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RimPoint {
+    /// Which of the lattice's.
+    pub point: usize,
+    /// The place of the face at the edge that is nearest to it, mm.
+    pub at: Vec3,
+}
+
 /// Everything at one capture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ElastomerCapture {
@@ -136,10 +145,21 @@ pub struct ElastomerCapture {
     pub surface: Surface,
     /// Contact mask on the same lattice.
     pub contact: Vec<bool>,
+    /// What is to be drawn at a sharp edge instead of beside it (quasi-static mode), by rising index.
+    pub rim: Vec<RimPoint>,
     /// Forces on the indenter.
     pub forces: ContactForces,
     /// The solver's account.
     pub stats: SolverStats,
+}
+
+impl ElastomerCapture {
+    /// Where the points of the face are drawn: those of its rim at the edge.
+    pub fn drawn(&self) -> Vec<Vec3> {
+        let mut positions = self.surface.positions.clone();
+        self.rim.iter().for_each(|rim| positions[rim.point] = rim.at);
+        positions
+    }
 }
 
 #[cfg(test)]

@@ -414,7 +414,7 @@ impl Elastomer for ExplicitSolver {
             contact_area_mm2,
             held: None,
         };
-        Ok(ElastomerCapture { surface, contact, forces, stats })
+        Ok(ElastomerCapture { surface, contact, rim: Vec::new(), forces, stats })
     }
 
     fn interrupt_by(&mut self, flag: Arc<AtomicBool>) {

@@ -264,6 +264,7 @@ impl QuasiStaticSolver {
             // Counted where it is seen: the splines' patch is 3 % too wide or too narrow where it is four cells across.
             capture.stats.contact_area_mm2 = relief.seen_mm2;
         }
+        let in_relief = relief.is_some();
         if let Some(relief) = relief.filter(|_| trust > 0.0) {
             let of_force = trust * relief::left_at(level.depth_mm(indenter), self.force_fades_mm);
             let part = 1.0 + of_force * (relief.force_n / splined.force_n - 1.0);
@@ -286,6 +287,9 @@ impl QuasiStaticSolver {
         capture.surface.positions = (0..nx * ny).map(|k| capture.surface.positions[picked(k)]).collect();
         capture.contact = (0..nx * ny).map(|k| capture.contact[picked(k)]).collect();
         (capture.surface.nx, capture.surface.ny) = (nx, ny);
+        if in_relief {
+            capture.rim = relief::rim(&capture.surface, &capture.contact, |p| splined.gap(p));
+        }
         Ok(capture)
     }
 }

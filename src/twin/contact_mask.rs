@@ -19,14 +19,18 @@ pub fn contact_mask(sensor: &SensorOptics, pad: &ElastomerCapture) -> Mask {
     let (width, height) = (sensor.camera.width_px, sensor.camera.height_px);
     let mut mask = Mask { width: width as u32, height: height as u32, inside: vec![false; width * height] };
     let (nx, ny) = (pad.surface.nx, pad.surface.ny);
+    let positions = pad.drawn();
+    // (Contact ends at a rim.)
+    let mut parts: Vec<f32> = pad.contact.iter().map(|touches| if *touches { 1.0 } else { 0.0 }).collect();
+    pad.rim.iter().for_each(|rim| parts[rim.point] = 0.5);
     for j in 0..ny.saturating_sub(1) {
         for i in 0..nx.saturating_sub(1) {
             let corners = [j * nx + i, j * nx + i + 1, (j + 1) * nx + i + 1, (j + 1) * nx + i];
-            if !corners.iter().any(|k| pad.contact[*k]) {
+            if !corners.iter().any(|k| parts[*k] > 0.0) {
                 continue;
             }
-            let at = corners.map(|k| lens.pixel(pad.surface.positions[k]));
-            let touches = corners.map(|k| if pad.contact[k] { 1.0 } else { 0.0 });
+            let at = corners.map(|k| lens.pixel(positions[k]));
+            let touches = corners.map(|k| parts[k]);
             for [a, b, c] in [[0, 1, 2], [0, 2, 3]] {
                 fill(&mut mask, [at[a], at[b], at[c]], [touches[a], touches[b], touches[c]]);
             }
@@ -104,7 +108,7 @@ fn fill(mask: &mut Mask, corners: [Vec2; 3], values: [f32; 3]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::elastomer::{ContactForces, SolverStats, Surface};
+    use crate::elastomer::{ContactForces, RimPoint, SolverStats, Surface};
     use crate::optics::sensor::LensSpec;
 
     /// A round contact at (2, -1) of radius 1.5 mm, pressed flat to a depth.
@@ -122,7 +126,7 @@ mod tests {
         }
         let surface = Surface { nx: n, ny: n, size_x_mm: 20.0, size_y_mm: 20.0, positions };
         let (forces, stats) = (ContactForces::default(), SolverStats::default());
-        ElastomerCapture { surface, contact, forces, stats }
+        ElastomerCapture { surface, contact, rim: Vec::new(), forces, stats }
     }
 
     #[test]
@@ -147,7 +151,7 @@ mod tests {
         let mask = contact_mask(sensor, &pad);
         let seen = crate::optics::imager::depth_map(
             sensor,
-            &crate::twin::view::displaced(&pad.surface, crate::elastomer::PadShape::Cuboid),
+            &crate::twin::view::displaced(&pad, crate::elastomer::PadShape::Cuboid),
         )
         .unwrap();
         let (mut both, mut either) = (0, 0);
@@ -158,6 +162,33 @@ mod tests {
         }
         // The wall around the contact is one lattice cell wide: what is left is its outline.
         assert!(both > 1000 && both as f64 > 0.95 * either as f64, "{both} of {either}");
+    }
+
+    #[test]
+    fn a_contact_ends_at_its_rim() {
+        let file: toml::Table = toml::from_str(include_str!("../../rig_configs/sensors/skin.toml")).unwrap();
+        let mut sensor: SensorOptics = file["optics"].clone().try_into().expect("the shipped sensor");
+        sensor.camera.center_mm = [0.0, 0.0];
+        // Touched to the left of x = 1.03, between two points of the lattice.
+        let mut pad = pressed(0.0);
+        let (n, edge_mm) = (pad.surface.nx, 1.03_f32);
+        let x = |k: usize| 0.1 * (k % n) as f32 - 10.0;
+        pad.contact = (0..n * n).map(|k| x(k) < edge_mm).collect();
+        let area_mm2 = |pad: &ElastomerCapture| {
+            let mask = contact_mask(&sensor, pad);
+            let mm2 = sensor.camera.mm_per_px.powi(2);
+            mask.inside.iter().filter(|inside| **inside).count() as f64 * mm2
+        };
+        let [wide, high] = sensor.view_mm();
+        let truth = high * (wide / 2.0 + f64::from(edge_mm));
+        let off = |pad: &ElastomerCapture| area_mm2(pad) / high - truth / high;
+        // Half a spacing beside its last points without a rim.
+        assert!((off(&pad) - 0.02).abs() < 0.6 * sensor.camera.mm_per_px, "{} mm", off(&pad));
+        let nearest = (0..n * n).filter(|k| (x(*k) - edge_mm).abs() < 0.05);
+        pad.rim = nearest
+            .map(|point| RimPoint { point, at: pad.surface.positions[point].with_x(edge_mm) })
+            .collect();
+        assert!(off(&pad).abs() < 0.6 * sensor.camera.mm_per_px, "{} mm", off(&pad));
     }
 
     #[test]

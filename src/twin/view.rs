@@ -1,7 +1,7 @@
 //! What the sensor's camera would see of a deformed pad.
 
 use super::contact_mask::contact_mask;
-use crate::elastomer::{ElastomerCapture, Pad, PadShape, Surface};
+use crate::elastomer::{ElastomerCapture, Pad, PadShape};
 use crate::image::{self, Mask};
 use crate::optics::Error;
 use crate::optics::basis_folder::Contents;
@@ -139,7 +139,7 @@ impl View {
     /// When the face cannot be rendered.
     pub fn picture(&self, pad: &ElastomerCapture, wear: &Wear, capture: u32) -> Result<Picture, Error> {
         let begun = Instant::now();
-        let seen = wear.imager.picture(&displaced(&pad.surface, wear.shape), capture)?;
+        let seen = wear.imager.picture(&displaced(pad, wear.shape), capture)?;
         let camera = &self.sensor.camera;
         let (width, height) = (camera.width_px as u32, camera.height_px as u32);
         let image = image::Picture { width, height, rgb: seen.rgb };
@@ -193,7 +193,8 @@ pub fn untouched_face(pad: &Pad) -> DisplacedSurface {
 }
 
 /// The elastomer's surface in the optics' words.
-pub(super) fn displaced(surface: &Surface, shape: PadShape) -> DisplacedSurface {
+pub(super) fn displaced(pad: &ElastomerCapture, shape: PadShape) -> DisplacedSurface {
+    let surface = &pad.surface;
     let size_mm = [surface.size_x_mm, surface.size_y_mm];
     let rest_z = match shape {
         PadShape::Cuboid => Vec::new(),
@@ -202,5 +203,5 @@ pub(super) fn displaced(surface: &Surface, shape: PadShape) -> DisplacedSurface 
             DisplacedSurface::resting(surface.nx, surface.ny, size_mm, height).rest_z
         }
     };
-    DisplacedSurface { nx: surface.nx, ny: surface.ny, size_mm, positions: surface.positions.clone(), rest_z }
+    DisplacedSurface { nx: surface.nx, ny: surface.ny, size_mm, positions: pad.drawn(), rest_z }
 }

@@ -9,6 +9,7 @@
 
 mod grip;
 mod misfit;
+mod rim;
 mod settle;
 mod smooth;
 mod surroundings;
@@ -17,6 +18,7 @@ mod window;
 
 pub use self::grip::{Borne, finer_to_hold};
 use self::misfit::misfit_mm;
+pub use self::rim::rim;
 use self::settle::settle;
 use self::smooth::smooth;
 use self::surroundings::{bent, neighbours, part_below, touched};
@@ -234,7 +236,7 @@ impl Splined<'_> {
     }
 
     /// How far a place is below the body, mm; nothing beside it.
-    fn gap(&self, p: DVec3) -> Option<f64> {
+    pub fn gap(&self, p: DVec3) -> Option<f64> {
         let local = self.pose.to_indenter(p);
         self.indenter.lower_surface(local.x, local.y).map(|low| low + self.pose.z_mm - p.z)
     }

@@ -86,6 +86,7 @@ impl Level {
         Ok(ElastomerCapture {
             surface,
             contact,
+            rim: Vec::new(),
             forces: ContactForces {
                 normal_force_n: -force.z,
                 shear_force_n: [-force.x, -force.y],

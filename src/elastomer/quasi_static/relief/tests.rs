@@ -159,6 +159,49 @@ fn a_slanted_edge_is_straight_and_the_face_lies_on_the_body() {
     }
 }
 
+#[test]
+fn points_beside_a_sharp_edge_are_drawn_on_it() {
+    let (body, pose, capture, _) = under_a_slanted_square();
+    let drawn = capture.drawn();
+    for rim in &capture.rim {
+        let local = pose.to_indenter(rim.at.as_dvec3());
+        let off_edge_mm = local.x.abs().max(local.y.abs()) - 2.5;
+        // (At a corner a chord cuts it off.)
+        let least = if local.x.abs().min(local.y.abs()) > 2.4 { -0.05 } else { -1e-3 };
+        assert!((least..1e-3).contains(&off_edge_mm), "{off_edge_mm} mm off the edge at {local}");
+        assert!((rim.at.z + 0.5).abs() < 1e-3, "{rim:?}");
+        let moved_mm = rim.at.truncate().distance(capture.surface.positions[rim.point].truncate());
+        assert!(moved_mm < 0.055, "{moved_mm} mm: {rim:?}");
+    }
+    // Where the edge passes between two points of the lattice, one of them is on it.
+    let under = |p: Vec3| {
+        let local = pose.to_indenter(p.as_dvec3());
+        body.lower_surface(local.x, local.y).is_some()
+    };
+    let on_it = |k: usize| capture.rim.iter().any(|rim| rim.point == k);
+    let mut passes = 0;
+    for k in (0..201 * 200).filter(|k| k % 201 < 200) {
+        for n in [k + 1, k + 201] {
+            if !on_it(k) && !on_it(n) {
+                assert_eq!(under(drawn[k]), under(drawn[n]), "{} {}", drawn[k], drawn[n]);
+            } else {
+                passes += 1;
+            }
+        }
+    }
+    // 20 mm of edge pass a side of the lattice at least every 0.1 mm.
+    assert!(passes > 200, "{passes}");
+}
+
+#[test]
+fn round_edges_and_balls_have_no_rim() {
+    let ball = Arc::new(super::super::tests::Sphere(4.0)) as Arc<dyn Indenter>;
+    for body in [flat(Plan::Disc { diameter_mm: 6.0 }, 0.3), ball] {
+        let rim = press(&body, None).capture(201, 201).expect("a lattice").rim;
+        assert!(rim.is_empty(), "{rim:?}");
+    }
+}
+
 /// A body with this plan.
 fn flat(plan: Plan, edge_round_mm: f64) -> Arc<dyn Indenter> {
     let shape = Shape::Flat { plan };
