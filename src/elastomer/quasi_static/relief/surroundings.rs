@@ -53,7 +53,7 @@ pub fn touched(pressure: &[f32], at_body: &[Option<f64>], nx: usize, k: usize) -
     if covered(k) {
         return 1.0;
     }
-    if !below(k) || !neighbours(k, nx).all(below) {
+    if !below(k) {
         return 0.0;
     }
     // (Along a lattice an edge is 4 / pi times as long as it is, at a mean over its directions.)
