@@ -4,6 +4,7 @@
 
 pub mod cache;
 pub mod clock;
+pub mod draw;
 pub mod elastomer;
 pub mod frame;
 pub mod image;

@@ -303,7 +303,7 @@ impl Precomputed {
         Self {
             fixed_scene: without_pad_mesh(untouched),
             grain: view.camera.width / untouched.camera.width,
-            grounds: ground::grounds(&sources, &tables, &radiances),
+            grounds: ground::grounds(&sources, &tables, view.slab.as_ref(), &radiances),
             total: probes::total(&tables.probes, &radiances),
             skyline: probes::total(&tables.skylines, &radiances),
             greys: tables.probes.iter().map(probes::grey).collect(),

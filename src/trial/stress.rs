@@ -16,7 +16,6 @@
 
 pub mod cases;
 pub mod checks;
-pub mod draw;
 pub mod explicit;
 pub mod hostile;
 pub mod thin;

@@ -13,7 +13,7 @@ use crate::optics::stress::{Outcome, Settings, Verdict, run};
 /// Try odd pads, lights, scales and scenes on the fast optics
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  twinrig stress optics\n  twinrig stress optics --only plate\n  twinrig stress optics --quick --json"
+    after_help = "Examples:\n  twinrig stress optics\n  twinrig stress optics --only plate\n  twinrig stress optics --quick --json\n  twinrig stress optics --random 50 --seed 7\n  twinrig stress optics --random 50 --seed 7 --only 7:23,"
 )]
 pub struct Args {
     /// Every fourth case, on small pictures
@@ -22,6 +22,12 @@ pub struct Args {
     /// Only cases whose names hold this
     #[arg(long, value_name = "PART")]
     pub only: Option<String>,
+    /// Scenes drawn at random, so many, instead of the usual cases
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub random: Option<u32>,
+    /// Which scenes: those of a seed are always the same
+    #[arg(long, default_value_t = 1, requires = "random")]
+    pub seed: u64,
     /// Error asked for
     #[arg(long, default_value_t = 0.005, value_parser = options::tolerance)]
     pub tolerance: f64,
@@ -34,7 +40,9 @@ impl Args {
     /// Runs the sweep.
     pub fn run(self) -> Exit {
         let (size, judge_samples, every) = if self.quick { ([64, 48], 32, 4) } else { ([96, 72], 64, 1) };
-        let settings = Settings { size, judge_samples, tolerance: self.tolerance, every, only: self.only };
+        let drawn = self.random.map(|count| (self.seed, count));
+        let settings =
+            Settings { size, judge_samples, tolerance: self.tolerance, every, only: self.only, drawn };
         let verdicts = run(&settings, |verdict| {
             if !self.json {
                 show(verdict);

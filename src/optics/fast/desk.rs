@@ -7,7 +7,7 @@ use super::gains::Split;
 use super::horizon::slope_of;
 use super::lanes::{Eight, Mask, Vectors, WIDTH, Work, lanes};
 use super::piece::Piece;
-use super::shade::Block;
+use super::shade::{Block, falls_off};
 use super::slots::POSITION;
 use super::source::coarse;
 use super::tilt::Parts;
@@ -313,7 +313,18 @@ impl<const N: usize> Desk<'_, N> {
             let faced = |l: usize| four.iter().filter(|n| n[self.frame.slots.gain(l)] > 0.0).count();
             self.frame.sided.iter().any(|l| ![0, 4].contains(&faced(*l)))
         };
-        let wanted = if size > effort.block_mm || curved() || ends() {
+        // Where light without a closed form falls off.
+        let falls = || {
+            let [p, q, r] = [four[0], four[3], four[1]].map(|n| Vec3::from_slice(&n[POSITION..]));
+            let size2 = (q - p).length_squared().max((r - p).length_squared());
+            let tabulated = |l: &usize| self.frame.once.tables.direct[*l].is_some();
+            (0..self.frame.once.sources.len()).filter(tabulated).any(|l| {
+                let phi = Vec3::from_slice(&four[0][self.frame.slots.direct(l)..]);
+                let field = phi.abs().max_element() * self.block.weights[l];
+                falls_off(&self.frame.once.sources[l].around(), 0.5 * (p + q), field, size2, 0.0)
+            })
+        };
+        let wanted = if size > effort.block_mm || curved() || ends() || falls() {
             Finer::Fields
         } else if size > effort.shadow_mm && self.bends([mx, my], rectangle, four) {
             Finer::Horizons

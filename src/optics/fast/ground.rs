@@ -1,6 +1,7 @@
 //! The light on the untouched face, from which the bounce tells what a press changes.
 
 use super::grid::Grid;
+use super::plate::Slab;
 use super::source::Source;
 use super::{Tables, probes, tables};
 use glam::Vec3;
@@ -10,7 +11,7 @@ use rayon::prelude::*;
 const GROUND_STEPS: usize = 3;
 
 /// Irradiance of the untouched face, of all lights together, and of each alone with radiance 1.
-pub fn grounds(sources: &[Source], tables: &Tables, radiances: &[Vec3]) -> Vec<Grid<3>> {
+pub fn grounds(sources: &[Source], tables: &Tables, slab: Option<&Slab>, radiances: &[Vec3]) -> Vec<Grid<3>> {
     let places = tables.probes[0].parts().0.face(GROUND_STEPS);
     let rest_normal = |p: Vec3| tables.probes[0].rest_normal(p);
     let of_light = |l: usize| -> Vec<[f32; 3]> {
@@ -18,7 +19,7 @@ pub fn grounds(sources: &[Source], tables: &Tables, radiances: &[Vec3]) -> Vec<G
             let p = places.point(k);
             let n = rest_normal(p);
             let phi = match &tables.direct[l] {
-                Some(table) => Vec3::from(table.at(p)),
+                Some(table) => tables::looked_up(table, &sources[l], slab, p),
                 None => tables::arriving(&sources[l], None, p),
             };
             let indirect = probes::irradiance(&tables.probes[l].at(p), n);

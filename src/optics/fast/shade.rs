@@ -32,7 +32,7 @@ pub struct Block<'a, const N: usize> {
     /// By light: whether its field is not to be interpolated.
     exact: Vec<bool>,
     /// By light: what its irradiance counts for, as part of what may be wrong.
-    weights: Vec<f32>,
+    pub weights: Vec<f32>,
 }
 
 /// What the pad hides of lights at eight points, where it is not interpolated.
@@ -283,7 +283,7 @@ pub fn falls_off(corners: &[Vec3; 4], place: Vec3, field: f32, size2: f32, bent:
 
 /// Square of the distance to a rectangle.
 #[inline(always)]
-fn distance_squared([a, b, _, d]: &[Vec3; 4], p: Vec3) -> f32 {
+pub fn distance_squared([a, b, _, d]: &[Vec3; 4], p: Vec3) -> f32 {
     let (u, v, from) = (*b - *a, *d - *a, p - *a);
     let along = |e: Vec3| e * (from.dot(e) / e.length_squared().max(1e-12)).clamp(0.0, 1.0);
     (from - along(u) - along(v)).length_squared()

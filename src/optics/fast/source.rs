@@ -164,6 +164,26 @@ impl Source {
         }
     }
 
+    /// Corners of a rectangle around it; a tube's lies in its axis.
+    pub fn around(&self) -> [Vec3; 4] {
+        match self.outline {
+            Outline::Rectangle(corners) => corners,
+            Outline::Disc(center, across, up) => {
+                [-across - up, across - up, across + up, up - across].map(|to| center + to)
+            }
+            Outline::Tube(from, to, _) => [from, to, to, from],
+        }
+    }
+
+    /// How long it is; nothing for a disc.
+    pub fn length_mm(&self) -> Option<f32> {
+        match self.outline {
+            Outline::Rectangle([a, b, ..]) => Some(a.distance(b)),
+            Outline::Tube(from, to, _) => Some(from.distance(to)),
+            Outline::Disc(..) => None,
+        }
+    }
+
     /// Its angular profile, where it has one.
     pub fn angular(&self) -> Option<Profile> {
         self.profile

@@ -160,12 +160,6 @@ fn in_view(cases: &mut Vec<Case>) {
 
 /// Albedos, sizes, meshes and scenes at their ends.
 fn extremes(cases: &mut Vec<Case>) {
-    let grey = |s: &mut Scene, role: Role, albedo: f32| {
-        s.surfaces
-            .iter_mut()
-            .filter(|s| s.role == role)
-            .for_each(|s| s.material = Material::Lambert { albedo: Albedo::grey(albedo) });
-    };
     cases.push(case("a black pad", Due::Picture, changed(move |s| grey(s, Role::Pad, 0.0))));
     cases.push(case("a white pad", Due::Picture, changed(move |s| grey(s, Role::Pad, 1.0))));
     cases.push(case("black walls", Due::Picture, changed(move |s| grey(s, Role::Housing, 0.0))));
@@ -196,8 +190,7 @@ fn extremes(cases: &mut Vec<Case>) {
     }));
     cases.push(case("the lamps stand between pad and plate", Due::Picture, |s| {
         Ok(Trial::new(Variant::B, Press::Sphere, s.size, LATTICE)?.changed(|s| {
-            let plates = s.surfaces.iter_mut().filter(|s| s.role == Role::Plate);
-            plates.flat_map(|s| &mut Arc::make_mut(&mut s.mesh).positions).for_each(|p| p.z += 5.5);
+            lamps::lift_plates(s, 5.5);
         }))
     }));
     cases.push(case("the camera is inside the plate", Due::Refusal, |s| {
@@ -249,6 +242,12 @@ fn extremes(cases: &mut Vec<Case>) {
         let name = format!("everything {scale} times as large");
         cases.push(case(name, Due::Either, move |s| changed(move |s| resized(s, scale))(s)));
     }
+}
+
+/// Gives what has this role a grey coat.
+pub(super) fn grey(scene: &mut Scene, role: Role, albedo: f32) {
+    let of_role = scene.surfaces.iter_mut().filter(|s| s.role == role);
+    of_role.for_each(|s| s.material = Material::Lambert { albedo: Albedo::grey(albedo) });
 }
 
 fn resized(scene: &mut Scene, scale: f32) {

@@ -111,22 +111,29 @@ pub(super) fn profiled(cases: &mut Vec<Case>) {
 /// A ball between grey walls under a plate that is moved up, with changed lights.
 fn under_plate(settings: &Settings, lift_mm: f32, change: impl Fn(&mut Vec<Light>)) -> Result<Trial, Error> {
     Ok(Trial::new(Variant::B, Press::Sphere, settings.size, LATTICE)?.changed(|scene| {
-        let plates = scene.surfaces.iter_mut().filter(|s| s.role == Role::Plate);
-        plates.flat_map(|s| &mut Arc::make_mut(&mut s.mesh).positions).for_each(|p| p.z += lift_mm);
+        lift_plates(scene, lift_mm);
         change(&mut scene.lights);
     }))
+}
+
+/// Moves the plates away from the pad.
+pub(super) fn lift_plates(scene: &mut Scene, by_mm: f32) {
+    let plates = scene.surfaces.iter_mut().filter(|s| s.role == Role::Plate);
+    plates.flat_map(|s| &mut Arc::make_mut(&mut s.mesh).positions).for_each(|p| p.z += by_mm);
 }
 
 /// Gives a light another shape, from its centre and the direction in which it shines, and as much power as it had.
 fn shaped(light: &mut Light, shape: impl Fn(Vec3, Vec3) -> LightShape) {
     let LightShape::Rectangle { center, half_u, half_v } = light.shape else { return };
-    let area = |shape: &LightShape| {
-        let mesh = shape.tessellate();
-        (0..mesh.triangles.len()).map(|k| mesh.area(k)).sum::<f32>()
-    };
     let before = area(&light.shape);
     light.shape = shape(center, half_u.cross(half_v).normalize());
     light.radiance *= before / area(&light.shape);
+}
+
+/// The area that shines, mm^2.
+pub(super) fn area(shape: &LightShape) -> f32 {
+    let mesh = shape.tessellate();
+    (0..mesh.triangles.len()).map(|k| mesh.area(k)).sum()
 }
 
 fn square(center: Vec3, normal: Vec3, edge_mm: f32) -> LightShape {

@@ -5,9 +5,9 @@
 //! edges of the pad, tiny and huge pads, steps up to the stability limit. Coarse tolerances are drawn more often than fine
 //! ones: they cost less, and a robust solver is shown by many cases rather than by large ones.
 
-use super::draw::Draw;
 use super::hostile;
 use super::thin::draw_thin;
+use crate::draw::Draw;
 use crate::elastomer::mpm::scheme::Scheme;
 use crate::elastomer::{Coating, Friction, Law, Mode, Pad, PadShape, Settings};
 use crate::indenter::spec::{Plan, Shape};

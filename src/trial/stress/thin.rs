@@ -5,7 +5,7 @@
 //! (Johnson, Contact Mechanics, 3.4 and 3.6).
 
 use super::cases::{Body, Case};
-use super::draw::Draw;
+use crate::draw::Draw;
 use crate::indenter::spec::{Plan, Shape};
 use crate::trial::scene;
 use std::f64::consts::PI;

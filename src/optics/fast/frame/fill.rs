@@ -5,6 +5,7 @@ use crate::optics::fast::horizon::{Stand, slope_of, squeezed};
 use crate::optics::fast::lanes::Vectors;
 use crate::optics::fast::slots::POSITION;
 use crate::optics::fast::source::{KEPT, Line, MOST_LINES, coarse, with_means};
+use crate::optics::fast::tables::looked_up;
 use crate::optics::fast::toward::Toward;
 use crate::optics::fast::vector::{irradiance, of_point, quadrilateral};
 use glam::Vec3;
@@ -35,7 +36,7 @@ impl<const N: usize> Frame<'_, N> {
             };
             for (i, (p, node)) in points.iter().zip(out.chunks_exact_mut(stride)).enumerate() {
                 let phi = match table {
-                    Some(table) => Vec3::from(table.at(*p)),
+                    Some(table) => looked_up(table, source, once.view.slab.as_ref(), *p),
                     None if source.faces(*p) => {
                         let corners = source.corners().map(|corners| corners.map(|c| c - *p));
                         let of_edges = Vec3::new(phi.x.0[i], phi.y.0[i], phi.z.0[i]);
