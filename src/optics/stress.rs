@@ -3,7 +3,8 @@
 //! A case ends well when its picture is finite, not negative, below what its lights can give at all, and no farther from
 //! the reference than its own estimate says, pixel by pixel and in the means of squares, in which there is less noise and as
 //! much of what is too bright or too dark; or when it is refused with a typed error where a refusal is due. The presses
-//! and lights here are others than those that the estimate's constants were found on, so they test its honesty.
+//! and lights here are others than those that the estimate's constants were found on, so they test its honesty. So do scenes that
+//! are drawn at random (`random`), in which nobody's idea of what is hard is left.
 
 mod cases;
 mod lamps;

@@ -242,12 +242,11 @@ fn during_a_solve_no_point_jumps_from_one_side_of_the_indenter_to_another() {
     assert!(last.is_some_and(|force| force.z < -1.0), "{last:?}");
 }
 
-/// Torque, N mm, of a sphere that is pressed so deep into the usual pad and turned by 15 degrees, as captured on 201 x 201 points.
-fn turned(radius_mm: f64, depth_mm: f64, tolerance: f64) -> f64 {
+/// Torque, N mm, of a body that is pressed so deep into the usual pad and turned by 15 degrees, as captured on 201 x 201 points.
+fn turned(body: Arc<dyn Indenter>, depth_mm: f64, tolerance: f64) -> f64 {
     let settings = Settings { tolerance, ..settings(Friction::Infinite) };
     let start = Pose::new(0.0, 0.0, 1.0, 0.0);
-    let mut s = QuasiStaticSolver::new(&pad(Law::NeoHookean), &settings, Arc::new(Sphere(radius_mm)), &start)
-        .expect("settings are in range");
+    let mut s = QuasiStaticSolver::new(&pad(Law::NeoHookean), &settings, body, &start).expect("in range");
     s.advance(&Pose::new(0.0, 0.0, -depth_mm, 0.0)).expect("an easy press");
     s.advance(&Pose::new(0.0, 0.0, -depth_mm, 15.0)).expect("an easy turn");
     -s.capture(201, 201).expect("a lattice").forces.torque_n_mm
@@ -269,10 +268,18 @@ fn a_turn_takes_the_torque_of_axisymmetric_finite_elements() {
         (2.0, 0.5, 0.01, 0.0907, 0.03),
         (2.0, 0.5, 0.005, 0.0907, 0.02),
     ] {
-        let found = turned(radius_mm, depth_mm, tolerance);
+        let found = turned(Arc::new(Sphere(radius_mm)), depth_mm, tolerance);
         assert!(
             (found / torque - 1.0).abs() < within,
             "{radius_mm} mm, {depth_mm} deep at {tolerance}: {found} instead of {torque} N mm"
+        );
+    }
+    // A cylinder, whose edge begins to round just within the last points.
+    for tolerance in [0.01, 0.005] {
+        let found = turned(Arc::new(Punch(3.0, 0.3)), 0.5, tolerance);
+        assert!(
+            (found / 1.985 - 1.0).abs() < 0.025,
+            "cylinder at {tolerance}: {found} instead of 1.985 N mm"
         );
     }
 }
