@@ -241,6 +241,23 @@ mod tests {
     }
 
     #[test]
+    fn a_pad_that_rises_over_lamps_is_refused_and_traced() {
+        let settings = Settings {
+            size: [32, 24],
+            judge_samples: 4,
+            tolerance: 0.005,
+            every: 1,
+            only: Some("rises over lamps".to_owned()),
+            drawn: None,
+        };
+        let verdicts = run(&settings, |_| {});
+        let [Verdict { outcome: Outcome::Refused { why }, faults, .. }] = &verdicts[..] else {
+            panic!("{verdicts:?}")
+        };
+        assert!(why.contains("under the pad's face") && faults.is_empty(), "{why} {faults:?}");
+    }
+
+    #[test]
     fn every_ninth_case_ends_well() {
         let settings = Settings {
             size: [32, 24],

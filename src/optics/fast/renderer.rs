@@ -6,7 +6,7 @@ use super::horizon::Heights;
 use super::raster::{self, Projected};
 use super::slots::Slots;
 use super::source::{LINES, MOST_LINES};
-use super::suited::{lattice_of, lights_off_face, pad_of, same_but_pad_mesh, unsupported};
+use super::suited::{lattice_of, lights_off_face, lit_from_within, pad_of, same_but_pad_mesh, unsupported};
 use super::traced::Traced;
 use super::view::View;
 use super::{DIRECT_LIFT_MM, Precomputed};
@@ -86,6 +86,7 @@ impl<'a> Renderer<'a> {
         effort.bounce = scene.max_events > 1 && !dark;
         let heights = Heights::of(&pad.mesh, lattice, effort.cells);
         let effort = effort.over(&heights);
+        lit_from_within(scene, heights.extent(), |p| heights.at(p))?;
         lights_off_face(&scene.lights, &once.view, once.pixel_mm, heights.extent(), |p| heights.at(p))?;
         Ok(Self { once, mesh: pad.mesh.clone(), lattice, albedo: albedo.clone(), heights, effort, tolerance })
     }

@@ -94,7 +94,7 @@ pub(super) fn lit_from_within(
             return Err(unsupported("lights", &value, "lights within the walls only"));
         }
         let over = |p: &Vec3| p.truncate().cmpge(low).all() && p.truncate().cmple(high).all();
-        if points.iter().any(|p| over(p) && p.z < face(p.truncate())) {
+        if edge_points(&light.shape.tessellate()).any(|p| over(&p) && p.z < face(p.truncate())) {
             let value = format!("{:?}, under the pad's face", light.name);
             return Err(unsupported("lights", &value, "lights above the pad's face only"));
         }
@@ -126,19 +126,21 @@ pub(super) fn lights_off_face(
     for light in lights {
         let shines_here = Source::new(light).is_none_or(|s| s.faces(below_eye.extend(face(below_eye))));
         let gap_mm = if shines_here { GAP_MM } else { GAP_AWAY_MM };
-        let mesh = light.shape.tessellate();
-        let edges = (0..mesh.triangles.len()).flat_map(|k| {
-            let [a, b, c] = mesh.corners(k);
-            [(a, b), (b, c), (c, a)]
-        });
-        let mut points =
-            edges.flat_map(|(a, b)| (0..=EDGE_POINTS).map(move |k| a.lerp(b, k as f32 / EDGE_POINTS as f32)));
-        if points.any(|p| near(p, gap_mm)) {
+        if edge_points(&light.shape.tessellate()).any(|p| near(p, gap_mm)) {
             let value = format!("{:?}, in the view and less than {gap_mm} mm over the pad", light.name);
             return Err(unsupported("lights", &value, "lights in the view that are clear of the pad only"));
         }
     }
     Ok(())
+}
+
+/// Places along the edges of a light.
+fn edge_points(mesh: &Mesh) -> impl Iterator<Item = Vec3> {
+    let edges = (0..mesh.triangles.len()).flat_map(|k| {
+        let [a, b, c] = mesh.corners(k);
+        [(a, b), (b, c), (c, a)]
+    });
+    edges.flat_map(|(a, b)| (0..=EDGE_POINTS).map(move |k| a.lerp(b, k as f32 / EDGE_POINTS as f32)))
 }
 
 /// Lights in the view must be so far off the pad, mm: at 0.2 mm a picture was found to be as right as it says.

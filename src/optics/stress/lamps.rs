@@ -17,6 +17,10 @@ pub(super) fn misplaced(cases: &mut Vec<Case>) {
             changed(lower)(s)
         }));
     }
+    cases.push(case("the pad rises over lamps", Due::Reference, |s| {
+        let lower = |scene: &mut Scene| scene.lights.iter_mut().for_each(|l| at_height(l, 0.8));
+        Ok(Trial::new(Variant::Ac, Press::Cliff, s.size, LATTICE)?.changed(lower))
+    }));
     cases.push(case(
         "lights as small as a pixel",
         Due::Picture,
