@@ -145,7 +145,8 @@ pub struct ElastomerCapture {
     pub surface: Surface,
     /// Contact mask on the same lattice.
     pub contact: Vec<bool>,
-    /// What is to be drawn at a sharp edge instead of beside it (quasi-static mode), by rising index.
+    /// What is to be drawn at a sharp edge instead of beside it (quasi-static mode, pads with a level face),
+    /// by rising index.
     pub rim: Vec<RimPoint>,
     /// Forces on the indenter.
     pub forces: ContactForces,
