@@ -218,17 +218,15 @@ mod tests {
     use super::cases::changed;
     use super::*;
 
+    /// All cases, on small pictures.
+    fn small() -> Settings {
+        Settings { size: [32, 24], judge_samples: 16, tolerance: 0.005, every: 1, only: None, drawn: None }
+    }
+
     /// Some of the cases on small pictures (the command does all of them): each ends well.
     #[test]
     fn one_triangle_is_refused_and_traced() {
-        let settings = Settings {
-            size: [32, 24],
-            judge_samples: 4,
-            tolerance: 0.005,
-            every: 1,
-            only: None,
-            drawn: None,
-        };
+        let settings = Settings { judge_samples: 4, ..small() };
         let cases = cases();
         let mut of_one = cases.into_iter().filter(|case| case.name.contains("of 1 triangle"));
         let mut case = of_one.next().unwrap();
@@ -242,14 +240,7 @@ mod tests {
 
     #[test]
     fn a_pad_that_rises_over_lamps_is_refused_and_traced() {
-        let settings = Settings {
-            size: [32, 24],
-            judge_samples: 4,
-            tolerance: 0.005,
-            every: 1,
-            only: Some("rises over lamps".to_owned()),
-            drawn: None,
-        };
+        let settings = Settings { judge_samples: 4, only: Some("rises over lamps".to_owned()), ..small() };
         let verdicts = run(&settings, |_| {});
         let [Verdict { outcome: Outcome::Refused { why }, faults, .. }] = &verdicts[..] else {
             panic!("{verdicts:?}")
@@ -259,27 +250,13 @@ mod tests {
 
     #[test]
     fn every_ninth_case_ends_well() {
-        let settings = Settings {
-            size: [32, 24],
-            judge_samples: 16,
-            tolerance: 0.005,
-            every: 9,
-            only: None,
-            drawn: None,
-        };
+        let settings = Settings { every: 9, ..small() };
         end_well(&settings, 4);
     }
 
     #[test]
     fn scenes_drawn_at_random_end_well() {
-        let settings = Settings {
-            size: [32, 24],
-            judge_samples: 64,
-            tolerance: 0.005,
-            every: 1,
-            only: None,
-            drawn: Some((1, 8)),
-        };
+        let settings = Settings { judge_samples: 64, drawn: Some((1, 8)), ..small() };
         end_well(&settings, 7);
     }
 

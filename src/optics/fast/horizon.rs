@@ -18,6 +18,8 @@ const PARTS: usize = 4;
 /// The pad seen from above.
 pub struct Heights {
     low: Vec2,
+    /// The other corner: cells may end short of it.
+    high: Vec2,
     cell: f32,
     per_mm: f32,
     size: [usize; 2],
@@ -88,9 +90,9 @@ impl Heights {
         }
         let coarse = [size[0].div_ceil(COARSE), size[1].div_ceil(COARSE)];
         let around = around(&z, size, coarse);
-        let low = low.truncate();
         Self {
-            low,
+            low: low.truncate(),
+            high: high.truncate(),
             cell,
             per_mm: 1.0 / cell,
             size,
@@ -105,8 +107,7 @@ impl Heights {
 
     /// From where to where it goes.
     pub fn extent(&self) -> [Vec2; 2] {
-        let [nx, ny] = self.size;
-        [self.low, self.low + Vec2::new(nx as f32, ny as f32) * self.cell]
+        [self.low, self.high]
     }
 
     /// Height of the pad at a place, or of the nearest part of it.

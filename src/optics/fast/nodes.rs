@@ -186,11 +186,7 @@ impl<const N: usize> Frame<'_, N> {
         self.once.sources.iter().zip(weights).enumerate().all(|(l, (source, weight))| {
             let faced = four.map(|n| n[self.slots.gain(l)] > 0.0);
             let field = Vec3::from_slice(&four[0][self.slots.direct(l)..]).abs().max_element() * weight;
-            let corners = source.corners().unwrap_or_else(|| {
-                let [[a, d], [b, c]] = [0, 1].map(|k| source.line(k, 1, p));
-                [a, b, c, d]
-            });
-            faced.iter().all(|f| *f == faced[0]) && !falls_off(&corners, p, field, size2, bent)
+            faced.iter().all(|f| *f == faced[0]) && !falls_off(&source.around(), p, field, size2, bent)
         })
     }
 }

@@ -9,7 +9,7 @@ use super::source::{LINES, MOST_LINES};
 use super::suited::{lattice_of, lights_off_face, lit_from_within, pad_of, same_but_pad_mesh, unsupported};
 use super::traced::Traced;
 use super::view::View;
-use super::{DIRECT_LIFT_MM, Precomputed, RIM_MM};
+use super::{DIRECT_LIFT_MM, Precomputed};
 use crate::optics::basis::{BasisError, LightBasis};
 use crate::optics::reference::Sight;
 use crate::optics::{Albedo, Error, Film, Material, Mesh, Scene, to_pad};
@@ -86,9 +86,7 @@ impl<'a> Renderer<'a> {
         effort.bounce = scene.max_events > 1 && !dark;
         let heights = Heights::of(&pad.mesh, lattice, effort.cells);
         let effort = effort.over(&heights);
-        // (Cells may end short of the pad's border, where lamps stand.)
-        let [low, high] = heights.extent();
-        lit_from_within(scene, [low - RIM_MM, high + 2.0 * RIM_MM], |p| heights.at(p))?;
+        lit_from_within(scene, heights.extent(), |p| heights.at(p))?;
         lights_off_face(&scene.lights, &once.view, once.pixel_mm, heights.extent(), |p| heights.at(p))?;
         Ok(Self { once, mesh: pad.mesh.clone(), lattice, albedo: albedo.clone(), heights, effort, tolerance })
     }

@@ -26,7 +26,8 @@ const MOST_BEYOND: usize = 2;
 const NEAR_MM: f32 = 1.5;
 /// Finest steps of a table over the usual ones.
 const FINEST: f32 = 0.4;
-/// By how much the logarithm of a profile may change across a patch: the midpoint then errs by a fiftieth of it.
+/// By how much the logarithm of a profile may change across a patch. Found by experiment: with 0.6 an LED with profile 1 gives 1.9 %
+/// too little light a millimetre away, where what arrives of a patch changes across it, too.
 const CHANGE: f32 = 0.25;
 
 /// Tables of what is [missing](few) of those lights that need one, of radiance 1, the pad hiding nothing.
@@ -180,19 +181,17 @@ mod tests {
     use crate::optics::sampler::Sampler;
     use crate::optics::{Light, LightShape};
 
+    fn white(shape: LightShape, cosine_power: f32) -> Light {
+        let (name, radiance, albedo) = ("lamp".to_owned(), Vec3::ONE, Vec3::ZERO);
+        Light { name, shape, radiance, two_sided: false, cosine_power, albedo }
+    }
+
     #[test]
     fn a_thick_tube_gives_as_much_light_as_its_facets() {
         let shape =
             LightShape::Tube { from: Vec3::new(-9.0, -8.0, 5.0), to: Vec3::new(-9.0, 8.0, 5.0), radius: 0.8 };
         let facets = shape.tessellate();
-        let light = Light {
-            name: "tube".to_owned(),
-            shape,
-            radiance: Vec3::ONE,
-            two_sided: false,
-            cosine_power: 0.0,
-            albedo: Vec3::ZERO,
-        };
+        let light = white(shape, 0.0);
         let source = Source::new(&light).unwrap();
         for p in [Vec3::ZERO, Vec3::new(-3.0, 6.0, 0.4), Vec3::new(7.0, -5.0, 0.0), Vec3::new(2.0, 9.5, 0.0)]
         {
@@ -210,14 +209,7 @@ mod tests {
     fn a_tube_with_a_profile_gives_as_much_light_as_places_all_over_it() {
         for (to, radius) in [(Vec3::new(-9.0, 6.0, 5.0), 0.2), (Vec3::new(-9.0, -3.0, 9.0), 0.5)] {
             for power in [0.5, 1.0, 4.0] {
-                let light = Light {
-                    name: "tube".to_owned(),
-                    shape: LightShape::Tube { from: Vec3::new(-9.0, -4.0, 5.0), to, radius },
-                    radiance: Vec3::ONE,
-                    two_sided: false,
-                    cosine_power: power,
-                    albedo: Vec3::ZERO,
-                };
+                let light = white(LightShape::Tube { from: Vec3::new(-9.0, -4.0, 5.0), to, radius }, power);
                 let lamp = Lamp::new(&light).unwrap();
                 let places = 1 << 14;
                 let sampler = Sampler::new(1, 2, 3, places);
@@ -247,14 +239,7 @@ mod tests {
             LightShape::Tube { from: center - half_u, to: center + half_u, radius: 0.2 },
         ];
         for (shape, power) in shapes.into_iter().flat_map(|shape| [(shape.clone(), 1.0), (shape, 4.0)]) {
-            let light = Light {
-                name: "lamp".to_owned(),
-                shape,
-                radiance: Vec3::ONE,
-                two_sided: false,
-                cosine_power: power,
-                albedo: Vec3::ZERO,
-            };
+            let light = white(shape, power);
             let lamp = Lamp::new(&light).unwrap();
             let places = 1 << 14;
             let sampler = Sampler::new(1, 2, 3, places);
@@ -294,14 +279,7 @@ mod tests {
             let tube = LightShape::Tube { from: center + axis, to: center + axis.with_y(-0.2), radius: 0.2 };
             for (shape, power) in [(disc, 0.0), (led, 1.0), (tube, 4.0)] {
                 let name = format!("{shape:?}");
-                let light = Light {
-                    name: name.clone(),
-                    shape,
-                    radiance: Vec3::ONE,
-                    two_sided: false,
-                    cosine_power: power,
-                    albedo: Vec3::ZERO,
-                };
+                let light = white(shape, power);
                 let source = Source::new(&light).unwrap();
                 let table = &direct(std::slice::from_ref(&source), slab, &layout, |_| 0.0)[0];
                 let table = table.as_ref().expect("no closed form");
