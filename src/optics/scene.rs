@@ -1,7 +1,7 @@
 //! A scene: surfaces, lights, a camera, and how often light may scatter.
 
 use super::light::is_radiance;
-use super::{Camera, Error, Light, LightShape, Material, Mesh, scale};
+use super::{Camera, Error, Light, LightShape, Material, Mesh, overlap, scale};
 use glam::Vec3;
 use std::sync::Arc;
 
@@ -146,6 +146,22 @@ impl Scene {
                 return fault(&light.name, format!("its albedo is {}", light.albedo), "use 0 to below 1");
             }
         }
+        self.check_lights_apart()
+    }
+
+    /// Of flat lights that share a part of one plane, which of them shines there goes by rounding.
+    fn check_lights_apart(&self) -> Result<(), Error> {
+        let is_flat = |l: &&Light| matches!(l.shape, LightShape::Rectangle { .. } | LightShape::Disc { .. });
+        let flat: Vec<_> = self.lights.iter().filter(is_flat).map(|l| (l, l.shape.tessellate())).collect();
+        for (k, (light, mesh)) in flat.iter().enumerate() {
+            if let Some((other, _)) = flat[..k].iter().find(|(_, other)| overlap::coincide(mesh, other)) {
+                return fault(
+                    &light.name,
+                    format!("it lies in the same place as a part of {:?}", other.name),
+                    "move one aside, or 0.01 mm before the other",
+                );
+            }
+        }
         Ok(())
     }
 
@@ -282,6 +298,15 @@ mod tests {
             assert!(told.contains("radiance") && told.contains("0 to 1e12"), "{told}");
         }
         assert!(told(&|s| s.lights[0].name.clear()).contains("no name"));
+        let twice = told(&|s| {
+            let LightShape::Rectangle { center, .. } = &mut s.lights[0].shape else { panic!() };
+            *center += Vec3::Z * 0.1;
+            let mut shape = s.lights[0].shape.clone();
+            let LightShape::Rectangle { center, .. } = &mut shape else { panic!() };
+            *center += Vec3::Z * 0.5;
+            s.lights[1].shape = shape;
+        });
+        assert!(twice.contains("same place") && twice.contains("0.01 mm"), "{twice}");
         let line = |s: &mut Scene| {
             let mesh = Mesh { positions: vec![Vec3::Z; 3], triangles: vec![[0, 1, 2]], ..Mesh::default() };
             s.lights[0].shape = LightShape::Mesh(Arc::new(mesh));

@@ -129,9 +129,10 @@ impl<const N: usize> Work for Row<'_, N> {
         }
         let sources = &frame.once.sources;
         let weight = |l: usize| frame.strength(l) / (frame.effort.field * frame.level).max(1e-30);
+        let slab = frame.once.view.slab.as_ref();
         let closed = |l: usize| frame.once.tables.direct[l].is_none();
         let weights = (0..sources.len()).map(weight).collect();
-        let block = Block::new(&frame.slots, sources, closed, weights, frame.effort.thorough);
+        let block = Block::new(&frame.slots, sources, slab, closed, weights, frame.effort.thorough);
         let sums = vec![Vectors::all(Vec3::ZERO); films];
         let (arena, waiting) = (Vec::new(), Vec::new());
         let mut desk = Desk {

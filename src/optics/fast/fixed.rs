@@ -3,7 +3,7 @@
 use super::DIRECT_LIFT_MM;
 use super::byway::Byways;
 use super::cover::{SAMPLES, place};
-use super::plate::Slab;
+use super::plate::{MIRRORED, Slab};
 use super::radiosity::{Radiosity, cosine};
 use super::source::Lamp;
 use super::view::View;
@@ -15,22 +15,52 @@ use rayon::prelude::*;
 use std::f32::consts::FRAC_1_PI;
 
 /// What a plate mirrors into each pixel, by light of radiance 1. Where the edge of a lamp is mirrored, pixels are sampled.
+///
+/// Of what a ray meets after further reflections inside lamps alone are looked at, which show there even so; walls count as if they
+/// stood where the first of these shows them, and what is seen through the plate as if it stood where it is seen without any.
 pub fn veils(view: &View, slab: &Slab, world: &World, lamps: &[Lamp], solved: &Radiosity) -> Vec<Vec<Vec3>> {
     let camera = &view.camera;
     let [columns, rows] = view.corners();
-    // By light, and the lamp that each of the two images shows.
+    let shining = |met: &Met, along: Vec3| {
+        let lamp = met.light.filter(|_| met.front)?;
+        Some((lamp, lamps[lamp].radiance(-along.dot(met.normal))))
+    };
+    let lamp_at = |from: Vec3, along: Vec3| {
+        lamps.iter().find(|lamp| passes(lamp.bounds, from, along))?;
+        shining(&world.trace(from, along)?, along)
+    };
+    // By light; tells the lamp that each image shows.
     let look = |at: Vec2, sums: &mut [Vec3]| {
         let (origin, direction) = camera.ray(at.x, at.y, Vec2::ZERO);
         let up = direction.with_z(-direction.z);
-        slab.mirrored(origin, direction).map(|(from, weight)| {
-            let met = world.trace(from + up * world.offset, up)?;
-            for (light, sum) in sums.iter_mut().enumerate() {
-                *sum += solved.radiance(met.element, light) * weight;
-            }
-            let lamp = met.light.filter(|_| met.front)?;
-            sums[lamp] += Vec3::splat(weight * lamps[lamp].radiance(-up.dot(met.normal)));
+        let mut add = |shown: Option<(usize, f32)>, weight: f32| {
+            let (lamp, radiance) = shown?;
+            sums[lamp] += Vec3::splat(weight * radiance);
             Some(lamp)
-        })
+        };
+        let mirrored = slab.mirrored(origin, direction);
+        let (mut shown, mut walls) = ([None; MIRRORED + 2], [None; 2]);
+        let further: f32 = mirrored[2..].iter().map(|(_, weight)| weight).sum();
+        for (image, (from, weight)) in mirrored.into_iter().enumerate() {
+            let from = from + up * world.offset;
+            shown[image] = match walls.get_mut(image) {
+                Some(wall) => world.trace(from, up).and_then(|met| {
+                    *wall = Some((met.element, weight + if image == 1 { further } else { 0.0 }));
+                    add(shining(&met, up), weight)
+                }),
+                None => add(lamp_at(from, up), weight),
+            };
+        }
+        let (ghost, weight) = slab.ghost(origin, direction);
+        let [from, below] = slab.below(origin, direction);
+        let below = below.normalize();
+        shown[MIRRORED] = add(lamp_at(ghost + below * world.offset, below), weight);
+        shown[MIRRORED + 1] = add(lamp_at(from + below * world.offset, below), -weight);
+        for (light, sum) in sums.iter_mut().enumerate() {
+            let of_wall = |(element, weight)| solved.radiance(element, light) * weight;
+            *sum += walls.into_iter().flatten().map(of_wall).sum::<Vec3>();
+        }
+        shown
     };
     let corner = |k: usize| {
         look(Vec2::new((k % columns) as f32, (k / columns) as f32), &mut vec![Vec3::ZERO; solved.lights])
@@ -55,6 +85,12 @@ pub fn veils(view: &View, slab: &Slab, world: &World, lamps: &[Lamp], solved: &R
         })
         .collect();
     (0..solved.lights).map(|l| seen.iter().map(|s| s[l]).collect()).collect()
+}
+
+/// Whether a ray goes through a box.
+fn passes([low, high]: [Vec3; 2], from: Vec3, along: Vec3) -> bool {
+    let [a, b] = [low, high].map(|corner| (corner - from) / along);
+    a.min(b).max_element().max(0.0) <= a.max(b).min_element()
 }
 
 /// What the camera sees of the fixed parts in one direction.

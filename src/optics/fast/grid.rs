@@ -121,6 +121,24 @@ impl<const N: usize> Grid<N> {
         Self { places, values }
     }
 
+    /// The same with half the steps, for what is smooth: in the middle between two nodes is the cubic through the four around it.
+    pub fn halved(&self, rest: impl Fn(Vec2) -> f32) -> Self {
+        let [nx, ny, nz] = self.places.nodes;
+        let values = doubled(&self.values, [nx * ny, nz, 1]);
+        let values = doubled(&values, [ny, nx, 2 * nz - 1]);
+        let values = doubled(&values, [1, ny, (2 * nx - 1) * (2 * nz - 1)]);
+        let mut places = Places {
+            nodes: self.places.nodes.map(|n| 2 * n - 1),
+            per_mm: 2.0 * self.places.per_mm,
+            lift_per_mm: 2.0 * self.places.lift_per_mm,
+            rest: Vec::new(),
+            ..self.places
+        };
+        places.rest =
+            (0..places.nodes[0] * places.nodes[1]).map(|column| rest(places.across(column))).collect();
+        Self { places, values }
+    }
+
     /// A grid of known numbers, as many as places.
     pub fn from_values(places: Places, values: Vec<[f32; N]>) -> Self {
         Self { places, values }
@@ -172,6 +190,27 @@ impl<const N: usize> Grid<N> {
     }
 }
 
+/// Numbers along an axis, and those in the middle between them; so many lie before it, along it, and after it.
+fn doubled<const N: usize>(values: &[[f32; N]], [before, along, after]: [usize; 3]) -> Vec<[f32; N]> {
+    let mut out = Vec::with_capacity(before * (2 * along - 1) * after);
+    for first in (0..before).map(|b| b * along * after) {
+        for k in 0..2 * along - 1 {
+            let (node, parts): (usize, &[f32]) = match (k % 2, k / 2) {
+                (0, node) => (node, &[1.0]),
+                _ if along < 4 => (k / 2, &[0.5, 0.5]),
+                (_, 0) => (0, &[0.3125, 0.9375, -0.3125, 0.0625]),
+                (_, node) if node + 2 == along => (along - 4, &[0.0625, -0.3125, 0.9375, 0.3125]),
+                (_, node) => (node - 1, &[-0.0625, 0.5625, 0.5625, -0.0625]),
+            };
+            out.extend((0..after).map(|a| {
+                let of = |i: usize| &values[first + (node + i) * after + a];
+                std::array::from_fn(|n| parts.iter().enumerate().map(|(i, part)| part * of(i)[n]).sum())
+            }));
+        }
+    }
+    out
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -191,5 +230,29 @@ mod tests {
         }
         let v = grid.at(Vec3::new(5.0, 0.0, 0.6));
         assert!((v[0] - 3.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn with_half_the_steps_cubics_are_exact_at_every_node() {
+        let layout = Layout {
+            across: [Vec2::new(-3.0, -2.0), Vec2::new(3.0, 2.0)],
+            step_mm: 0.8,
+            lift_mm: [-0.5, 1.5],
+            lift_step_mm: 0.5,
+        };
+        let rest = |p: Vec2| 0.1 * p.x;
+        let cubic = |p: Vec3| [p.x * p.x * p.x - p.y, p.y * p.y * p.z + 1.0, p.x * p.y * p.z];
+        let coarse = Grid::new(&layout, rest, cubic);
+        let fine = coarse.halved(rest);
+        let (places, values) = fine.parts();
+        assert_eq!((places.nodes, values.len()), (coarse.places.nodes.map(|n| 2 * n - 1), places.count()));
+        for (k, found) in values.iter().enumerate() {
+            let truth = cubic(places.point(k));
+            assert!(
+                (0..3).all(|n| (found[n] - truth[n]).abs() < 2e-5),
+                "{}: {found:?} {truth:?}",
+                places.point(k)
+            );
+        }
     }
 }

@@ -4,9 +4,10 @@
 //! comes in at the end. Near a light, and where a block is bent, its field is worked out at each pixel. What is hidden of a
 //! light is taken off as the irradiance of the ribbon below the cut.
 
+use super::arrival::Arrival;
 use super::lanes::{Eight, Vectors, WIDTH, lanes};
+use super::plate::Slab;
 use super::probes;
-use super::profile::Profile;
 use super::slots::{POSITION, Slots};
 use super::source::{KEPT, Line, Source, coarse};
 use super::vector::{edges, quadrilateral};
@@ -27,8 +28,8 @@ pub struct Block<'a, const N: usize> {
     fixed: Vec<Option<[Line; N]>>,
     /// By light: its corners, where it has a closed form.
     closed: Vec<Option<[Vec3; 4]>>,
-    /// By light: its angular profile, where nothing bends what is seen of it.
-    angular: Vec<Option<Profile>>,
+    /// By light: what arrives of its parts, where that is not the same of all.
+    arrivals: Vec<Option<Arrival>>,
     /// By light: whether its field is not to be interpolated.
     exact: Vec<bool>,
     /// By light: what its irradiance counts for, as part of what may be wrong.
@@ -55,11 +56,12 @@ fn vectors_at(c: &[Bilinear], u: Eight, v: Eight) -> Vectors {
 }
 
 impl<'a, const N: usize> Block<'a, N> {
-    /// Room for the blocks of a picture. `closed` tells lights whose field has a closed form, `weights` what the irradiance
+    /// Room for the blocks of a picture, some lights beyond a plate. `closed` tells lights whose field has a closed form, `weights` what the irradiance
     /// of each counts for, as part of what may be wrong.
     pub fn new(
         slots: &'a Slots<N>,
         sources: &'a [Source],
+        slab: Option<&Slab>,
         closed: impl Fn(usize) -> bool,
         weights: Vec<f32>,
         thorough: bool,
@@ -77,7 +79,7 @@ impl<'a, const N: usize> Block<'a, N> {
             thorough,
             fixed: fixed.map(|lines| lines.filter(|_| !slots.bent())).collect(),
             closed: sources.iter().enumerate().map(corners).collect(),
-            angular: sources.iter().map(|s| s.angular().filter(|_| !slots.bent())).collect(),
+            arrivals: sources.iter().map(|s| Arrival::of(s, slab)).collect(),
             exact: vec![false; sources.len()],
             weights,
         }
@@ -227,15 +229,15 @@ impl<'a, const N: usize> Block<'a, N> {
             lows[k] = low.unit();
             cuts[k] = (low + (high - low).scaled(part)).unit();
         }
-        if let Some(profile) = self.angular[l] {
-            return strips(&lows, &cuts, step, |q| profile.seen(q)).dot(normals) * Eight::all(-0.5);
+        let gain = at(&self.coefficients[self.slots.gain(l)], u, v) * Eight::all(-0.5);
+        if let Some(arrival) = &self.arrivals[l] {
+            return strips(&lows, &cuts, step, |q| arrival.part(q)).dot(normals) * gain;
         }
         let mut sum = edges(lows[N - 1], cuts[N - 1]) + edges(cuts[0], lows[0]);
         for k in (step..N).step_by(step) {
             sum = sum + edges(lows[k - step], lows[k]) + edges(cuts[k], cuts[k - step]);
         }
-        let gain = at(&self.coefficients[self.slots.gain(l)], u, v);
-        sum.dot(normals) * Eight::all(-0.5) * gain
+        sum.dot(normals) * gain
     }
 }
 

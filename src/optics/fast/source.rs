@@ -164,6 +164,11 @@ impl Source {
         }
     }
 
+    /// Whether it stands beyond a plate.
+    pub fn stands_beyond(&self, slab: &Slab) -> bool {
+        self.around()[0].z > slab.high
+    }
+
     /// Corners of a rectangle around it; a tube's lies in its axis.
     pub fn around(&self) -> [Vec3; 4] {
         match self.outline {

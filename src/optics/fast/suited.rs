@@ -87,20 +87,28 @@ pub(super) fn lit_from_within(
     let walls = scene.surfaces.iter().filter(|s| s.role == Role::Housing).flat_map(|s| &s.mesh.positions);
     let [from, to] = walls.fold([inf, -inf], |[l, h], p| [l.min(*p), h.max(*p)]);
     for light in &scene.lights {
-        let points = light.shape.tessellate().positions;
+        let lamp = light.shape.tessellate();
+        let points = &lamp.positions;
         let outside = |p: &Vec3| p.cmplt(from - BESIDE_MM).any() || p.cmpgt(to + BESIDE_MM).any();
         if from.x < to.x && points.iter().any(outside) {
             let value = format!("{:?}, beyond the walls", light.name);
             return Err(unsupported("lights", &value, "lights within the walls only"));
         }
         let over = |p: &Vec3| p.truncate().cmpge(low).all() && p.truncate().cmple(high).all();
-        if edge_points(&light.shape.tessellate()).any(|p| over(&p) && p.z < face(p.truncate())) {
+        let [foot, top] =
+            points.iter().fold([f32::INFINITY, -f32::INFINITY], |[l, h], p| [l.min(p.z), h.max(p.z)]);
+        let sunk = HIDDEN_FOOT * (top - foot);
+        if edge_points(&lamp).any(|p| over(&p) && p.z < face(p.truncate()) - sunk) {
             let value = format!("{:?}, under the pad's face", light.name);
             return Err(unsupported("lights", &value, "lights above the pad's face only"));
         }
     }
     Ok(())
 }
+
+/// Part of a light's height that may be under the face: what a press far away lifts about the foot of a light that stands on the pad
+/// hides nothing that counts.
+const HIDDEN_FOOT: f32 = 0.01;
 
 /// Refuses lights in the view that stand on the face, or so low over it that pad and light show each other's light within less
 /// than is resolved here. (Beyond the view they are known well enough.)

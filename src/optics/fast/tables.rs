@@ -39,9 +39,11 @@ pub fn direct(
 ) -> Vec<Option<Grid<3>>> {
     let table = |source: &Source| {
         (slab.is_some() || source.corners().is_none()).then(|| {
-            Grid::new(&fine(source, layout), rest, |point| {
+            let table = Grid::new(&fine(source, layout), rest, |point| {
                 (arriving(source, slab, point) - few(source, slab, point)).to_array()
-            })
+            });
+            let is_beyond = slab.is_some_and(|slab| source.stands_beyond(slab));
+            if patches(source, is_beyond).is_some() { table } else { table.halved(rest) }
         })
     };
     sources.iter().map(table).collect()
@@ -68,20 +70,23 @@ fn few(source: &Source, slab: Option<&Slab>, point: Vec3) -> Vec3 {
         return Vec3::ZERO;
     }
     let slab = beyond(slab, source, point);
+    patches(source, slab.is_some()).map_or(Vec3::ZERO, |cuts| of_patches(source, slab, point, cuts, 1))
+}
+
+/// How many these are, along and up; none of a long lamp beyond a plate, where each costs more, and what arrives changes less.
+fn patches(source: &Source, is_beyond: bool) -> Option<[usize; 2]> {
     let along = match source.length_mm() {
         Some(length_mm) => ((length_mm / PATCH_MM).ceil() as usize).clamp(1, MOST_PATCHES),
         None => OF_DISC,
     };
     let up = if source.angular().is_some() { 2 } else { 1 };
-    match slab {
-        Some(_) if source.length_mm().is_some() && along > MOST_BEYOND => Vec3::ZERO,
-        _ => of_patches(source, slab, point, [along, up], 1),
-    }
+    let is_long = source.length_mm().is_some() && along > MOST_BEYOND;
+    (!(is_beyond && is_long)).then_some([along, up])
 }
 
 /// The plate that a light is seen through.
 fn beyond<'a>(slab: Option<&'a Slab>, source: &Source, point: Vec3) -> Option<&'a Slab> {
-    slab.filter(|slab| slab.covers(point) && source.line(0, ALONG[0], point)[0].z > slab.high)
+    slab.filter(|slab| slab.covers(point) && source.stands_beyond(slab))
 }
 
 /// The vector irradiance at a point, of a light of radiance 1.

@@ -1,3 +1,4 @@
+mod images;
 mod lamps;
 
 use super::*;

@@ -223,8 +223,10 @@ impl<const N: usize> Work for Lit<'_, N> {
     fn run(self) -> Vec<Vec3> {
         let Self { frame, cells } = self;
         let (slots, sources) = (&frame.slots, &frame.once.sources);
+        let slab = frame.once.view.slab.as_ref();
         let closed = |l: usize| frame.once.tables.direct[l].is_none();
-        let mut block = Block::new(slots, sources, closed, vec![0.0; sources.len()], frame.effort.thorough);
+        let mut block =
+            Block::new(slots, sources, slab, closed, vec![0.0; sources.len()], frame.effort.thorough);
         let mut out = vec![Vec3::ZERO; cells.len() * slots.films];
         let mut nodes = vec![0.0; slots.stride() * WIDTH];
         let mut sums = vec![Vectors::all(Vec3::ZERO); slots.films];

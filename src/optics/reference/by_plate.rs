@@ -19,6 +19,10 @@ impl Path<'_> {
         weight: Vec3,
         is_transmitted: bool,
     ) -> Arrival {
+        if let Arrival::Seen { way } = arrival {
+            let way = way.after(is_transmitted).filter(|_| surfel.is_face());
+            return way.map_or(Arrival::Certain, |way| Arrival::Seen { way });
+        }
         let (from, pdf, lobe_throughput, way) = match (arrival, self.scene.plate) {
             (Arrival::Scattered { from, pdf, lobe_throughput }, Some(plate)) => {
                 (from, pdf, lobe_throughput, Way::new(plate.is_outside(from.point)))
@@ -26,8 +30,7 @@ impl Path<'_> {
             (Arrival::ByPlate { from, pdf, lobe_throughput, way }, _) => (from, pdf, lobe_throughput, way),
             _ => return Arrival::Certain,
         };
-        let is_face = surfel.connects && surfel.normal.z.abs() > 0.999;
-        match way.after(is_transmitted).filter(|_| is_face) {
+        match way.after(is_transmitted).filter(|_| surfel.is_face()) {
             Some(way) => Arrival::ByPlate { from, pdf, lobe_throughput: lobe_throughput * weight, way },
             None => Arrival::Certain,
         }

@@ -7,7 +7,7 @@
 //! (3) the scattered ray, which goes on and may hit a light itself (Veach 1997, power heuristic). Where a clear body
 //! stands between, the closed form is left out; by way of a flat plate the diffuse part is connected to the point
 //! along refracted and mirrored paths ([`super::plate`]), weighted against scattered rays as well. All else is found by scattered
-//! rays that hit the light.
+//! rays that hit the light, but for lamps that the camera is shown by a plate ([`super::glimpse`]).
 //!
 //! Dimension groups of the sampler: 0 pixel and first direction, 1 lens and first lobe, then for event
 //! n = 1, 2, ... 2n: light and roulette, 2n + 1: direction and lobe of event n + 1.
@@ -34,6 +34,8 @@ const UNIFORM_CHOICE: f32 = 0.1;
 pub(super) enum Arrival {
     /// From the camera or a mirror direction: everything.
     Certain,
+    /// From the camera, by nothing but the plate: what is not [glimpsed](super::glimpse).
+    Seen { way: Way },
     /// Scattered with this density, then by way of the plate: what connections from there do not claim.
     ByPlate { from: Corner, pdf: f32, lobe_throughput: Vec3, way: Way },
     /// Scattered with this density: what light sampling at `from` does not claim.
@@ -107,7 +109,13 @@ impl<'a> Path<'a> {
         let lens = concentric_disc(Vec2::new(lens_u, lens_v));
         let (mut origin, mut direction) = scene.camera.ray(x + px, y + py, lens);
         let mut throughput = Vec3::ONE;
-        let mut arrival = Arrival::Certain;
+        let mut arrival = match scene.plate {
+            Some(plate) if self.known.is_none() && plate.is_outside(origin) => {
+                self.glimpse(origin, direction, add);
+                Arrival::Seen { way: Way::new(true) }
+            }
+            _ => Arrival::Certain,
+        };
         let mut event = 0;
         let mut first = true;
         loop {
@@ -295,7 +303,8 @@ impl Path<'_> {
             return;
         }
         match arrival {
-            Arrival::Certain => add(k, throughput * light),
+            Arrival::Seen { way } if way.is_glimpsed() => {}
+            Arrival::Certain | Arrival::Seen { .. } => add(k, throughput * light),
             Arrival::ByPlate { from, pdf, lobe_throughput, way } => {
                 let told = self.told_by_plate(from, pdf, way, surfel, k);
                 add(k, (throughput - (throughput - lobe_throughput) * told) * light);

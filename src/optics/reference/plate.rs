@@ -43,6 +43,21 @@ impl Route {
         Route::Inside(3),
         Route::Inside(MOST_INSIDE),
     ];
+
+    /// Those along which a camera is shown lamps beside what it sees straight through the plate.
+    pub const GLIMPSED: [Route; 5] =
+        [Route::Outside, Route::Inside(1), Route::Inside(2), Route::Inside(3), Route::Inside(MOST_INSIDE)];
+
+    /// Whether a path from outside goes through the face that it meets after so many; None where it has left the plate.
+    pub fn goes_through(self, faces: u32) -> Option<bool> {
+        match self {
+            Route::Outside => (faces == 0).then_some(false),
+            Route::Inside(times) => {
+                let last = u32::from(times) + 1;
+                (faces <= last).then_some(faces == 0 || faces == last)
+            }
+        }
+    }
 }
 
 /// A path that left a point, as it goes from face to face of the plate.
@@ -79,6 +94,11 @@ impl Way {
             _ => return None,
         };
         Some(Self { met, ..self })
+    }
+
+    /// Whether it has left the plate along one of [`Route::GLIMPSED`].
+    pub fn is_glimpsed(self) -> bool {
+        self.starts_outside && matches!(self.met, Met::Mirrored | Met::Out(1..))
     }
 
     /// The route it is on.
@@ -138,6 +158,28 @@ impl Plate {
     /// Which face a point outside is nearer to: 0 the lower, 1 the upper.
     pub fn nearer_face(&self, p: Vec3) -> usize {
         usize::from(2.0 * p.z > self.lo.z + self.hi.z)
+    }
+
+    /// Where a ray that meets the plate from outside leaves it along a route, were it as wide as may be, and its direction there; None where
+    /// it goes away from it.
+    pub fn leaves(&self, origin: Vec3, direction: Vec3, route: Route) -> Option<(Vec3, Vec3)> {
+        let nearer = self.nearer_face(origin);
+        let [near, far] = [nearer, 1 - nearer].map(|face| self.faces()[face]);
+        let to_face = (near - origin.z) / direction.z;
+        if !(to_face >= 0.0 && to_face.is_finite()) {
+            return None;
+        }
+        let in_glass = direction.truncate() / self.ior;
+        let each = in_glass * ((self.hi.z - self.lo.z) / (1.0 - in_glass.length_squared()).sqrt());
+        let passes = match route {
+            Route::Outside => 0,
+            Route::Inside(times) => times + 1,
+        };
+        let at = (origin + direction * to_face).truncate() + each * f32::from(passes);
+        Some(match passes % 2 {
+            0 => (at.extend(near), direction.with_z(-direction.z)),
+            _ => (at.extend(far), direction),
+        })
     }
 
     /// Part of the light that a face mirrors, by the cosine in air.
@@ -374,6 +416,29 @@ mod tests {
         assert!(PLATE.link(below, inside(below), Route::Outside).is_none());
         assert!(PLATE.link(below, above, Route::Outside).is_none());
         assert!(PLATE.link(inside(below), below, Route::Inside(1)).is_none());
+    }
+
+    #[test]
+    fn rays_leave_where_each_face_sends_them() {
+        for (origin, direction) in [
+            (Vec3::new(0.5, -1.0, 19.0), Vec3::new(0.4, -0.1, -0.9)),
+            (Vec3::new(0.5, -1.0, -4.0), Vec3::new(0.3, 0.2, 0.8)),
+        ] {
+            let direction = direction.normalize();
+            let [near, far] = if direction.z < 0.0 { [3.5, 1.5] } else { [1.5, 3.5] };
+            for route in Route::GLIMPSED {
+                let throughs: Vec<bool> = (0..).map_while(|faces| route.goes_through(faces)).collect();
+                let met = throughs.iter().enumerate().map(|(k, through)| ([near, far][k % 2], *through));
+                let met: Vec<(f32, bool)> = met.collect();
+                let (from, along) = PLATE.leaves(origin, direction, route).unwrap();
+                let end = follow_route(origin, direction, &met, from.z + along.z);
+                assert!((from + along - end).length() < 1e-4, "{route:?} {direction}: {from} {along} {end}");
+                let way = throughs.iter().try_fold(Way::new(true), |way, through| way.after(*through));
+                assert!(way.is_some_and(|way| way.is_glimpsed() && way.route() == Some(route)));
+            }
+            assert!(PLATE.leaves(origin, -direction, Route::Outside).is_none());
+        }
+        assert!(!Way::new(true).after(true).and_then(|way| way.after(true)).unwrap().is_glimpsed());
     }
 
     #[test]

@@ -30,6 +30,10 @@ pub struct Prepared {
     rooms: Vec<[Vec3; 2]>,
     /// Boxes around all other parts, with the light whose flat patch it is.
     blockers: Vec<([Vec3; 2], Option<usize>)>,
+    /// Boxes around the lights.
+    lamps: Vec<[Vec3; 2]>,
+    /// Farther off than this there is nothing, mm.
+    far: f32,
     /// By triangle: index into `parts`.
     part_of: Vec<u32>,
     parts: Vec<Part>,
@@ -65,13 +69,21 @@ pub struct Surfel {
     pub bsdf: Bsdf,
 }
 
+impl Surfel {
+    /// Whether it lies in one of the large faces of that plate.
+    pub fn is_face(&self) -> bool {
+        self.connects && self.normal.z.abs() > 0.999
+    }
+}
+
 impl Prepared {
     pub fn new(scene: &Scene) -> Result<Self, Error> {
         scene.check()?;
         let mut triangles = Vec::new();
         let mut part_of = Vec::new();
         let mut parts = Vec::new();
-        let (mut clear, mut rooms, mut blockers) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut clear, mut rooms, mut blockers, mut lamps) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let mut plates = Vec::new();
         let extent = extent_of(scene);
         let margin = extent * 1e-5;
@@ -129,7 +141,8 @@ impl Prepared {
         for (k, light) in scene.lights.iter().enumerate() {
             let mesh = light.shape.tessellate();
             let flat = matches!(light.shape, LightShape::Rectangle { .. } | LightShape::Disc { .. });
-            blockers.push((grow(bounds_of(&mesh.positions), margin), flat.then_some(k)));
+            lamps.push(grow(bounds_of(&mesh.positions), margin));
+            blockers.push((lamps[k], flat.then_some(k)));
             part_of.resize(part_of.len() + mesh.triangles.len(), parts.len() as u32);
             parts.push(Part {
                 material: Material::Lambert { albedo: Albedo::Constant(light.albedo) },
@@ -161,6 +174,8 @@ impl Prepared {
             clear,
             rooms: rooms.into_iter().map(|room| grow(room, margin)).collect(),
             blockers,
+            lamps,
+            far: 4.0 * extent,
             part_of,
             parts,
         })
@@ -214,6 +229,12 @@ impl Prepared {
     #[inline]
     pub fn passes_clear(&self, from: Vec3, to: Vec3) -> bool {
         self.clear.iter().any(|bounds| overlaps(bounds, from, to))
+    }
+
+    /// Whether a ray goes by a lamp (by its box).
+    #[inline]
+    pub fn passes_lamp(&self, from: Vec3, along: Vec3) -> bool {
+        self.lamps.iter().any(|bounds| overlaps(bounds, from, from + along * self.far))
     }
 
     /// Whether something stands between a point and a point of a light. No ray is traced, and counted, where the boxes

@@ -1,6 +1,7 @@
 //! Nodes: the fields of the lights at a point, and how much of each light the pad hides from it.
 
 use super::Frame;
+use crate::optics::fast::arrival::Arrival;
 use crate::optics::fast::horizon::{Stand, slope_of, squeezed};
 use crate::optics::fast::lanes::Vectors;
 use crate::optics::fast::slots::POSITION;
@@ -74,7 +75,11 @@ impl<const N: usize> Frame<'_, N> {
                 }
                 if once.tables.direct[l].is_some() {
                     let phi = Vec3::from_slice(&node[slots.direct(l)..]);
-                    node[slots.gain(l)] = phi.length() / outline(&lines).length().max(1e-12);
+                    let of_lines = match Arrival::of(source, once.view.slab.as_ref()) {
+                        Some(arrival) => arrival.of_lines(&lines),
+                        None => outline(&lines),
+                    };
+                    node[slots.gain(l)] = phi.length() / of_lines.length().max(1e-12);
                 }
             }
         }
