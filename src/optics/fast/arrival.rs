@@ -113,7 +113,12 @@ mod tests {
                 for p in [Vec3::new(-5.0, 0.0, 0.0), Vec3::new(0.0, -4.0, 0.3), Vec3::new(8.0, 6.0, 0.0)] {
                     let found = arrival.of_lines(&source.seen::<17>(p, slab));
                     let truth = super::super::tables::arriving(&source, slab, p);
-                    assert!((found - truth).length() < 0.03 * truth.length(), "{power} {p}: {found} {truth}");
+                    // (Inner reflections arrive from elsewhere than where the lamp appears: what they add counts as if from there.)
+                    let bound = if slab.is_some() { 0.05 } else { 0.01 };
+                    assert!(
+                        (found - truth).length() < bound * truth.length(),
+                        "{power} {p}: {found} {truth}"
+                    );
                 }
             }
         }
