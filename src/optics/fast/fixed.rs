@@ -75,9 +75,10 @@ pub fn veils(view: &View, slab: &Slab, world: &World, lamps: &[Lamp], solved: &R
             // (An edge may come and go between two corners: those around see where.)
             let mut around = (y.saturating_sub(1)..(y + 3).min(rows))
                 .flat_map(|y| (x.saturating_sub(1)..(x + 3).min(columns)).map(move |x| y * columns + x));
-            if around.all(|k| corners[k] == corners[y * columns + x]) {
-                look(at + 0.5, &mut sums);
-            } else {
+            let here = corners[y * columns + x];
+            let is_even = around.all(|k| corners[k] == here) && look(at + 0.5, &mut sums) == here;
+            if !is_even {
+                sums.fill(Vec3::ZERO);
                 (0..SAMPLES).for_each(|s| _ = look(at + place(s), &mut sums));
                 sums.iter_mut().for_each(|sum| *sum /= SAMPLES as f32);
             }
