@@ -98,6 +98,8 @@ const DIRECT_LIFT_MM: [f32; 2] = [-0.75, 3.0];
 const PROBE_STEP_MM: f32 = 1.0;
 const PROBE_LIFT_MM: [f32; 2] = [0.0, 2.0];
 const PROBE_LIFT_STEP_MM: f32 = 0.5;
+/// How far under a plate tables end, mm.
+const UNDER_PLATE_MM: f32 = 0.01;
 /// Nodes keep this far from the pad's rim, where walls stand, mm.
 const RIM_MM: f32 = 0.05;
 /// relRMSE that may be asked for: finer work than the first gives nothing, beyond the second a picture is none.
@@ -205,16 +207,24 @@ impl Precomputed {
         }
         lit_from_within(untouched, [low, high], rest)?;
         eclipse::none(&untouched.lights, &sources, [low, high], rest)?;
+        // (Beside a level face walls are parted, and light finds its own way.)
+        let level = parted::level_of(untouched);
+        // Tables end under a plate, where light changes at once.
+        let room_mm = match (slab, level) {
+            (Some(slab), Some(level)) => (slab.low - level - UNDER_PLATE_MM).max(UNDER_PLATE_MM),
+            _ => f32::INFINITY,
+        };
+        let under_plate = |[low, high]: [f32; 2]| [low, high.min(room_mm)];
         let direct_layout = Layout {
             across,
             step_mm: fineness * DIRECT_STEP_MM,
-            lift_mm: DIRECT_LIFT_MM,
+            lift_mm: under_plate(DIRECT_LIFT_MM),
             lift_step_mm: fineness * DIRECT_STEP_MM,
         };
         let probe_layout = Layout {
             across,
             step_mm: fineness * PROBE_STEP_MM,
-            lift_mm: PROBE_LIFT_MM,
+            lift_mm: under_plate(PROBE_LIFT_MM),
             lift_step_mm: fineness * PROBE_LIFT_STEP_MM,
         };
         // What arrives at the pad indirectly was scattered at least once, and at the pad once more.
@@ -223,8 +233,6 @@ impl Precomputed {
             Some(_) => (untouched.max_events / 2).saturating_sub(1).max(1),
             None => untouched.max_events.saturating_sub(1),
         };
-        // (Beside a level face walls are parted, and light finds its own way.)
-        let level = parted::level_of(untouched);
         let buried = |p: Vec3| level.is_none() && p.z < heights.at(p.truncate()) - BURIED_MM;
         let solved = Radiosity::new(&world, &lamps, slab, events, buried);
         let view = View::new(&fine_camera(untouched)?, slab);

@@ -24,7 +24,12 @@ pub fn coincide(a: &Mesh, b: &Mesh) -> bool {
         let [low, high] = bounds(&mesh.positions);
         f64::from((high - low).max_element())
     };
-    let off = FLAT * extent(a).max(extent(b));
+    let far = a.positions.iter().chain(&b.positions).fold(0.0f32, |far, p| far.max(p.abs().max_element()));
+    let off = FLAT * extent(a).max(extent(b)) + f64::from(2.0 * f32::EPSILON * far);
+    let [[a_low, a_high], theirs] = [a, b].map(|mesh| bounds(&mesh.positions));
+    if !meet([a_low - off as f32, a_high + off as f32], theirs) {
+        return false;
+    }
     let corners = |mesh: &Mesh, k: usize| mesh.corners(k).map(|p| p.as_dvec3());
     (0..a.triangles.len()).map(|k| corners(a, k)).any(|t| {
         let normal = (t[1] - t[0]).cross(t[2] - t[0]).normalize_or_zero();

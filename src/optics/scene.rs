@@ -149,16 +149,26 @@ impl Scene {
         self.check_lights_apart()
     }
 
-    /// Of flat lights that share a part of one plane, which of them shines there goes by rounding.
+    /// Of flat lights that share a part of one plane a ray meets either, as rounding has it. (Where the light of both has a closed form,
+    /// as that of the colours of one strip, none needs to.)
     fn check_lights_apart(&self) -> Result<(), Error> {
         let is_flat = |l: &&Light| matches!(l.shape, LightShape::Rectangle { .. } | LightShape::Disc { .. });
+        let is_closed = |l: &Light| matches!(l.shape, LightShape::Rectangle { .. }) && l.cosine_power == 0.0;
+        let is_clear = |s: &Surface| {
+            matches!(s.material, Material::Dielectric { .. } | Material::RoughDielectric { .. })
+        };
+        let is_bent = self.surfaces.iter().any(is_clear);
         let flat: Vec<_> = self.lights.iter().filter(is_flat).map(|l| (l, l.shape.tessellate())).collect();
         for (k, (light, mesh)) in flat.iter().enumerate() {
-            if let Some((other, _)) = flat[..k].iter().find(|(_, other)| overlap::coincide(mesh, other)) {
+            let shares = |(other, its): &&(&Light, Mesh)| {
+                (is_bent || !is_closed(light) || !is_closed(other)) && overlap::coincide(mesh, its)
+            };
+            if let Some((other, _)) = flat[..k].iter().find(shares) {
                 return fault(
                     &light.name,
                     format!("it lies in the same place as a part of {:?}", other.name),
-                    "move one aside, or 0.01 mm before the other",
+                    "move one aside; or give one light the sum of their colours if they shine the same way, or set them 0.01 mm \
+                     apart if they shine opposite ways",
                 );
             }
         }
@@ -301,6 +311,7 @@ mod tests {
         let twice = told(&|s| {
             let LightShape::Rectangle { center, .. } = &mut s.lights[0].shape else { panic!() };
             *center += Vec3::Z * 0.1;
+            s.lights[1].cosine_power = 1.0;
             let mut shape = s.lights[0].shape.clone();
             let LightShape::Rectangle { center, .. } = &mut shape else { panic!() };
             *center += Vec3::Z * 0.5;

@@ -16,8 +16,9 @@ use std::f32::consts::FRAC_1_PI;
 
 /// What a plate mirrors into each pixel, by light of radiance 1. Where the edge of a lamp is mirrored, pixels are sampled.
 ///
-/// Of what a ray meets after further reflections inside lamps alone are looked at, which show there even so; walls count as if they
-/// stood where the first of these shows them, and what is seen through the plate as if it stood where it is seen without any.
+/// Of what a ray meets after further reflections inside lamps alone are looked at, which show there even so. Walls count as if they
+/// stood where the first of these shows them. What is seen through the plate counts with all of its light as if it stood where it is
+/// seen without any, so that of a lamp's light the part that makes its ghost is taken off there and added here.
 pub fn veils(view: &View, slab: &Slab, world: &World, lamps: &[Lamp], solved: &Radiosity) -> Vec<Vec<Vec3>> {
     let camera = &view.camera;
     let [columns, rows] = view.corners();
@@ -39,7 +40,7 @@ pub fn veils(view: &View, slab: &Slab, world: &World, lamps: &[Lamp], solved: &R
             Some(lamp)
         };
         let mirrored = slab.mirrored(origin, direction);
-        let (mut shown, mut walls) = ([None; MIRRORED + 2], [None; 2]);
+        let (mut shown, mut walls) = ([None; MIRRORED], [None; 2]);
         let further: f32 = mirrored[2..].iter().map(|(_, weight)| weight).sum();
         for (image, (from, weight)) in mirrored.into_iter().enumerate() {
             let from = from + up * world.offset;
@@ -54,13 +55,13 @@ pub fn veils(view: &View, slab: &Slab, world: &World, lamps: &[Lamp], solved: &R
         let (ghost, weight) = slab.ghost(origin, direction);
         let [from, below] = slab.below(origin, direction);
         let below = below.normalize();
-        shown[MIRRORED] = add(lamp_at(ghost + below * world.offset, below), weight);
-        shown[MIRRORED + 1] = add(lamp_at(from + below * world.offset, below), -weight);
+        let doubled = add(lamp_at(ghost + below * world.offset, below), weight);
+        let straight = add(lamp_at(from + below * world.offset, below), -weight);
         for (light, sum) in sums.iter_mut().enumerate() {
             let of_wall = |(element, weight)| solved.radiance(element, light) * weight;
             *sum += walls.into_iter().flatten().map(of_wall).sum::<Vec3>();
         }
-        shown
+        (shown, doubled, straight)
     };
     let corner = |k: usize| {
         look(Vec2::new((k % columns) as f32, (k / columns) as f32), &mut vec![Vec3::ZERO; solved.lights])
@@ -185,13 +186,15 @@ impl<'a> Looks<'a> {
             }
             _ => solved.shown(whole.element, l),
         };
+        // (Where there is a plate, all this is seen through it.)
+        let passed = view.slab.map_or(1.0, |slab| slab.transmitted(direction));
         let radiance = lamp.map_or(0.0, |lamp| lamps[lamp].radiance(-direction.dot(met.normal)));
         let seed = [at.x.to_bits(), at.y.to_bits()];
         let by_plate = self.byways.irradiances(met.hit.point, met.normal, seed, rays / RAYS_A_PLACE);
         let of_light = |l: usize| {
             let e = world.direct(met.hit.point, met.normal, met.light, l, &lamps[l]) + by_plate[l];
             let own = if lamp == Some(l) { Vec3::splat(radiance) } else { Vec3::ZERO };
-            met.albedo * (FRAC_1_PI * e) + scattered(l) + own
+            (met.albedo * (FRAC_1_PI * e) + scattered(l) + own) * passed
         };
         Look {
             value,

@@ -14,7 +14,7 @@ use glam::{Vec2, Vec3};
 /// Orders of inner reflection that are followed.
 pub const ORDERS: usize = 4;
 
-/// Mirror images of a lamp that a camera sees: a hundred thousand times darker than the lamp, the next is nothing beside any pad.
+/// Mirror images of a lamp that a camera sees: seen from above in acrylic the next is ten million times darker than the lamp.
 pub const MIRRORED: usize = 3;
 
 /// Fewest events of a scene with a plate, each of whose faces is one: about half of them are scatterings, and where they end
@@ -167,7 +167,7 @@ impl Slab {
     /// The mirror images that a ray from above sees: in the upper face, and in the lower after 0, 1, ... further round trips inside;
     /// where each leaves the upper face, and its weight.
     pub fn mirrored(&self, origin: Vec3, direction: Vec3) -> [(Vec3, f32); MIRRORED] {
-        let (face, first, round) = self.met(origin, direction);
+        let (face, first, round) = self.at_upper_face(origin, direction);
         std::array::from_fn(|image| {
             let weight = match image {
                 0 => face,
@@ -180,13 +180,13 @@ impl Slab {
     /// Where a ray from above leaves the lower face if it is reflected twice inside, and the part that does: what it meets there shows
     /// as a ghost beside what it meets without.
     pub fn ghost(&self, origin: Vec3, direction: Vec3) -> (Vec3, f32) {
-        let (face, first, round) = self.met(origin, direction);
+        let (face, first, round) = self.at_upper_face(origin, direction);
         ((first + round * 1.5).extend(self.low), ((1.0 - face) * face).powi(2))
     }
 
-    /// Of a ray from above the part that a face reflects, where it meets the upper one, and how far ahead a way down and up inside
+    /// Of a ray from above the part that a face reflects, where it meets the upper one, and how far ahead each way down and up inside
     /// takes it.
-    fn met(&self, origin: Vec3, direction: Vec3) -> (f32, Vec2, Vec2) {
+    fn at_upper_face(&self, origin: Vec3, direction: Vec3) -> (f32, Vec2, Vec2) {
         let flat = direction.truncate() / -direction.z;
         let x = flat.length();
         let ahead = if x > 0.0 { flat / x } else { Vec2::X };

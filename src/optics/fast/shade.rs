@@ -96,7 +96,8 @@ impl<'a, const N: usize> Block<'a, N> {
             let flag = self.slots.light(l);
             let most = [a, b, c, d].iter().fold(0.0f32, |most, n| most.max(n[flag]));
             *hidden = self.thorough || most > 0.0;
-            *step = step_of::<N>(&self.sources[l], most, self.thorough);
+            *step =
+                step_of::<N>(self.arrivals[l].is_none() && self.sources[l].is_fixed(), most, self.thorough);
         }
         let [p, q, r] = [a, d, b].map(|n| Vec3::from_slice(&n[POSITION..]));
         let (middle, size2) = ((p + q) * 0.5, (q - p).length_squared().max((r - p).length_squared()));
@@ -138,7 +139,8 @@ impl<'a, const N: usize> Block<'a, N> {
                     for at in own.at {
                         most = most.max(own.nodes[at + self.slots.light(l)]);
                     }
-                    (self.thorough || most > 0.0, step_of::<N>(&self.sources[l], most, self.thorough))
+                    let even = self.arrivals[l].is_none() && self.sources[l].is_fixed();
+                    (self.thorough || most > 0.0, step_of::<N>(even, most, self.thorough))
                 }
             };
             if hidden || self.dips(l, [u, v], points, normals) {
@@ -261,16 +263,17 @@ fn strips<const N: usize>(
     sum
 }
 
-/// Of how many lines of a light one is taken, for the largest flag of the nodes.
+/// Of how many lines of a light one is taken, for the largest flag of the nodes; whether it is `even`, a rectangle all of whose parts
+/// shine alike.
 #[inline(always)]
-fn step_of<const N: usize>(source: &Source, most: f32, thorough: bool) -> usize {
+fn step_of<const N: usize>(even: bool, most: f32, thorough: bool) -> usize {
     if thorough {
         return 1;
     }
-    // A plane cuts a rectangle along a straight line, a horizon does not; round lights have no straight edge, and an angular
-    // profile is another from line to line.
+    // A plane cuts a rectangle along a straight line, a horizon does not; round lights have no straight edge, and a profile or a
+    // plate makes each line another.
     let followed = (coarse(N) >> most as u32).max(1);
-    if source.is_fixed() && source.angular().is_none() { followed } else { followed.min(KEPT) }
+    if even { followed } else { followed.min(KEPT) }
 }
 
 /// Whether the field of a rectangle bends too much to be interpolated across a block around `place`, whose diagonal squared is

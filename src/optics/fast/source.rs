@@ -166,7 +166,7 @@ impl Source {
 
     /// Whether it stands beyond a plate.
     pub fn stands_beyond(&self, slab: &Slab) -> bool {
-        self.around()[0].z > slab.high
+        self.around()[0].z >= slab.high
     }
 
     /// Corners of a rectangle around it; a tube's lies in its axis.
@@ -260,7 +260,7 @@ impl Source {
         }
         let seen = |k: usize| {
             self.line(k / KEPT, (N - 1) / KEPT, p).map(|end| match slab {
-                Some(slab) if slab.covers(p) && end.z > slab.high => slab.towards(p, end),
+                Some(slab) if slab.covers(p) && end.z >= slab.high => slab.towards(p, end),
                 _ => end - p,
             })
         };

@@ -79,7 +79,8 @@ impl<const N: usize> Frame<'_, N> {
                         Some(arrival) => arrival.of_lines(&lines),
                         None => outline(&lines),
                     };
-                    node[slots.gain(l)] = phi.length() / of_lines.length().max(1e-12);
+                    // (Tables hold something just behind a lamp, too, where nothing shines.)
+                    node[slots.gain(l)] *= phi.length() / of_lines.length().max(1e-12);
                 }
             }
         }

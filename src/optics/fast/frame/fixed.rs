@@ -38,10 +38,10 @@ impl<const N: usize> Frame<'_, N> {
         for &[pixel, spot] in &tables.glow.pixels {
             while covered.next_if(|(k, _)| **k < pixel).is_some() {}
             let (at, spot) = (pixel as usize, spot as usize);
+            let (x, y) = (at % (columns - 1), at / (columns - 1));
             let part = match covered.peek() {
                 Some((k, [_, fixed])) if **k == pixel => *fixed,
                 _ => {
-                    let (x, y) = (at % (columns - 1), at / (columns - 1));
                     let four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
                     0.25 * four.iter().filter(|(x, y)| self.corner(*x, *y).is_none()).count() as f32
                 }
@@ -49,7 +49,7 @@ impl<const N: usize> Frame<'_, N> {
             let foot = tables.glow.spots[spot].foot_error(level);
             traces::add_squares(&mut feet, films.iter().map(|film| film.pixels[at] * foot), radiances);
             let added = films.iter_mut().zip(glows).map(|(film, glow)| {
-                let add = (glow[spot] * part).max(-film.pixels[at]);
+                let add = (glow[spot] * (part * self.once.transmitted(x, y))).max(-film.pixels[at]);
                 film.pixels[at] += add;
                 add
             });

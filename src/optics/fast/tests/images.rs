@@ -35,3 +35,9 @@ fn a_lamp_beside_the_view_shows_as_a_ghost_in_it() {
     let [fast, reference] = seen(Vec3::new(-8.4, 0.0, 0.9), Vec3::new(-0.15, 0.0, 0.15));
     assert!(reference > 0.0 && (fast / reference - 1.0).abs() < 0.2, "{fast} {reference}");
 }
+
+#[test]
+fn a_lamp_seen_through_a_plate_is_as_much_darker_as_the_plate_makes_it() {
+    let [fast, reference] = seen(Vec3::new(-6.5, 0.0, 0.9), Vec3::new(-0.3, 0.0, 0.3));
+    assert!(reference > 0.0 && (fast / reference - 1.0).abs() < 0.02, "{fast} {reference}");
+}
