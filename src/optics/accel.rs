@@ -148,6 +148,17 @@ impl Accel {
     }
 }
 
+/// Whether the segment may touch the box; never false when it does.
+#[inline]
+pub fn overlaps([lo, hi]: &[Vec3; 2], from: Vec3, to: Vec3) -> bool {
+    let inverse = (to - from).recip();
+    let (a, b) = ((*lo - from) * inverse, (*hi - from) * inverse);
+    let enter = a.min(b).max_element().max(0.0);
+    let leave = a.max(b).min_element().min(1.0);
+    // What cannot be compared (0 times infinity) counts as an overlap.
+    enter.partial_cmp(&leave) != Some(std::cmp::Ordering::Greater)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -8,6 +8,7 @@ use super::radiosity::{Radiosity, cosine};
 use super::source::Lamp;
 use super::view::View;
 use super::world::{Met, World};
+use crate::optics::accel::overlaps;
 use crate::optics::sampler::Sampler;
 use crate::optics::{Error, Role, Scene, Surface};
 use glam::{Vec2, Vec3};
@@ -26,8 +27,10 @@ pub fn veils(view: &View, slab: &Slab, world: &World, lamps: &[Lamp], solved: &R
         let lamp = met.light.filter(|_| met.front)?;
         Some((lamp, lamps[lamp].radiance(-along.dot(met.normal))))
     };
+    // (As far as anything is.)
+    let far = 2.0 * world.extent();
     let lamp_at = |from: Vec3, along: Vec3| {
-        lamps.iter().find(|lamp| passes(lamp.bounds, from, along))?;
+        lamps.iter().find(|lamp| overlaps(&lamp.bounds, from, from + along * far))?;
         shining(&world.trace(from, along)?, along)
     };
     // By light; tells the lamp that each image shows.
@@ -87,12 +90,6 @@ pub fn veils(view: &View, slab: &Slab, world: &World, lamps: &[Lamp], solved: &R
         })
         .collect();
     (0..solved.lights).map(|l| seen.iter().map(|s| s[l]).collect()).collect()
-}
-
-/// Whether a ray goes through a box.
-fn passes([low, high]: [Vec3; 2], from: Vec3, along: Vec3) -> bool {
-    let [a, b] = [low, high].map(|corner| (corner - from) / along);
-    a.min(b).max_element().max(0.0) <= a.max(b).min_element()
 }
 
 /// What the camera sees of the fixed parts in one direction.

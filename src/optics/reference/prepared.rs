@@ -2,8 +2,8 @@
 
 use super::plate::Plate;
 use crate::optics::{
-    Albedo, Camera, Error, LightShape, Material, Mesh, Role, Scene, accel::Accel, accel::Hit, bsdf::Bsdf,
-    emitter::Emitter,
+    Albedo, Camera, Error, LightShape, Material, Mesh, Role, Scene, accel::Accel, accel::Hit,
+    accel::overlaps, bsdf::Bsdf, emitter::Emitter,
 };
 use glam::{Vec2, Vec3};
 use std::cell::Cell;
@@ -255,17 +255,6 @@ impl Prepared {
         rays.set(rays.get() + 1);
         self.accel.blocked(from, to)
     }
-}
-
-/// Whether the segment may touch the box; never false when it does.
-#[inline]
-fn overlaps([lo, hi]: &[Vec3; 2], from: Vec3, to: Vec3) -> bool {
-    let inverse = (to - from).recip();
-    let (a, b) = ((*lo - from) * inverse, (*hi - from) * inverse);
-    let enter = a.min(b).max_element().max(0.0);
-    let leave = a.max(b).min_element().min(1.0);
-    // What cannot be compared (0 times infinity) counts as an overlap.
-    enter.partial_cmp(&leave) != Some(std::cmp::Ordering::Greater)
 }
 
 fn bounds_of(points: &[Vec3]) -> [Vec3; 2] {

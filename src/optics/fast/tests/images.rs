@@ -17,23 +17,21 @@ fn seen(center: Vec3, half_v: Vec3) -> [f32; 2] {
     (lamp.radiance, lamp.albedo) = (Vec3::ONE, Vec3::ZERO);
     let once = Precomputed::new(&scene).unwrap();
     let fast = Renderer::new(&once, &scene, 0.005).unwrap().render();
-    let settings = reference::Settings { samples: 2048, seed: 5 };
+    let settings = reference::Settings { samples: 256, seed: 5 };
     let reference = reference::Renderer::new(&scene).unwrap().render(&settings);
     [fast, reference].map(|film| film.mean().x)
 }
 
-// (A ray of the reference meets either image by chance, a few hundred of all: their number is known to 7 %.)
-
 #[test]
 fn a_lamp_shows_where_a_plate_mirrors_it_after_a_further_round_trip() {
     let [fast, reference] = seen(Vec3::new(-9.1, 0.0, 4.9), Vec3::Z * 0.7);
-    assert!(reference > 0.0 && (fast / reference - 1.0).abs() < 0.2, "{fast} {reference}");
+    assert!(reference > 0.0 && (fast / reference - 1.0).abs() < 0.08, "{fast} {reference}");
 }
 
 #[test]
 fn a_lamp_beside_the_view_shows_as_a_ghost_in_it() {
     let [fast, reference] = seen(Vec3::new(-8.4, 0.0, 0.9), Vec3::new(-0.15, 0.0, 0.15));
-    assert!(reference > 0.0 && (fast / reference - 1.0).abs() < 0.2, "{fast} {reference}");
+    assert!(reference > 0.0 && (fast / reference - 1.0).abs() < 0.08, "{fast} {reference}");
 }
 
 #[test]
