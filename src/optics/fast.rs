@@ -227,14 +227,14 @@ impl Precomputed {
             lift_mm: under_plate(PROBE_LIFT_MM),
             lift_step_mm: fineness * PROBE_LIFT_STEP_MM,
         };
-        // What arrives at the pad indirectly was scattered at least once, and at the pad once more.
-        // (Through a plate about every second event is one of its faces.)
-        let events = match slab {
-            Some(_) => (untouched.max_events / 2).saturating_sub(1).max(1),
+        // How often what a press changes may have been scattered before, and at the pad is once more. (Of so little it is enough that
+        // through a plate about every second event is one of its faces.)
+        let scatterings = match slab {
+            Some(_) => untouched.max_events / 2 - 1,
             None => untouched.max_events.saturating_sub(1),
         };
         let buried = |p: Vec3| level.is_none() && p.z < heights.at(p.truncate()) - BURIED_MM;
-        let solved = Radiosity::new(&world, &lamps, slab, events, buried);
+        let solved = Radiosity::new(&world, &lamps, slab, untouched.max_events, buried);
         let view = View::new(&fine_camera(untouched)?, slab);
         lights_off_face(&untouched.lights, &view, pixel_mm(&view), [low, high], rest)?;
         let top = pad.mesh.positions.iter().fold(f32::NEG_INFINITY, |top, p| top.max(p.z));
@@ -243,14 +243,14 @@ impl Precomputed {
         let corners = looks.corners();
         let covers = Covers::new(&looks, &corners, view.corners(), lamps.len());
         let glow = match level {
-            Some(_) if events > 0 => {
+            Some(_) if scatterings > 0 => {
                 let edge = frame::cell_px(pixel_mm(&view));
                 Glow::new(&looks, &corners, &covers, view.corners()[0], edge)
             }
             _ => Glow::default(),
         };
         let (fixed, fixed_lights) = fixed::by_light(&corners, lamps.len());
-        let echo = Echo::new(&world, &view, &lamps, &probe_layout, events, rest, buried);
+        let echo = Echo::new(&world, &view, &lamps, &probe_layout, scatterings, rest, buried);
         let mirrored = Mirrored::new(&world, &lamps, slab);
         let tables = Tables {
             echo,

@@ -31,15 +31,19 @@ impl<'a> Byways<'a> {
         Self { world, lamps, slab }
     }
 
-    /// Adds the irradiance of an element of each light of radiance 1, over those of its points that nothing covers.
-    pub fn add_to(&self, sums: &mut [f32], element: usize, covered: impl Fn(Vec3, Vec3) -> bool) {
-        let Some(slab) = self.slab.filter(|_| self.world.element(element).0 != Vec3::ZERO) else { return };
+    /// Irradiance of an element of each light of radiance 1, over those of its points that nothing covers: by way of as few faces as can
+    /// be, and of more.
+    pub fn of_element(&self, element: usize, covered: impl Fn(Vec3, Vec3) -> bool) -> Vec<[f32; 2]> {
+        let mut found = vec![[0.0; 2]; self.lamps.len()];
+        let Some(slab) = self.slab.filter(|_| self.world.element(element).0 != Vec3::ZERO) else {
+            return found;
+        };
         let (middle, _) = self.world.point(element, [0.3, 0.3]);
         let pairs_of = |lamp: &Lamp| PAIRS << nearness(&slab, lamp, middle).log2() as u32;
         let pairs: Vec<u32> = self.lamps.iter().map(pairs_of).collect();
         let most = pairs.iter().copied().fold(PAIRS, u32::max);
         let sampler = Sampler::new(0xb1a7, element as u32, 0, most);
-        let (mut found, mut points) = (vec![0.0; sums.len()], vec![0; sums.len()]);
+        let mut points = vec![0; found.len()];
         for i in 0..most {
             let [u, v, a, b] = sampler.group(i, 0);
             let (point, normal) = self.world.point(element, [u, v]);
@@ -49,12 +53,14 @@ impl<'a> Byways<'a> {
             // (The first of them are as evenly spread as all.)
             for (l, lamp) in self.lamps.iter().enumerate().filter(|(l, _)| i < pairs[*l]) {
                 points[l] += 1;
-                found[l] += self.arriving(&slab, lamp, point, normal, [a, b]);
+                let arriving = self.arriving(&slab, lamp, point, normal, [a, b]);
+                found[l].iter_mut().zip(arriving).for_each(|(sum, arriving)| *sum += arriving);
             }
         }
-        for (sum, (found, points)) in sums.iter_mut().zip(found.iter().zip(points)) {
-            *sum += found / points.max(1) as f32;
+        for (found, points) in found.iter_mut().zip(points) {
+            found.iter_mut().for_each(|sum| *sum /= points.max(1) as f32);
         }
+        found
     }
 
     /// Irradiance of a point of each light of radiance 1, from so many places of each or more; two numbers pick them.
@@ -65,17 +71,18 @@ impl<'a> Byways<'a> {
             let sampler = Sampler::new(0xb1a8, x, y, places);
             let of_place = |i| {
                 let [a, b, ..] = sampler.group(i, 0);
-                self.arriving(&slab, lamp, point, normal, [a, b])
+                self.arriving(&slab, lamp, point, normal, [a, b]).iter().sum::<f32>()
             };
             (0..places).map(of_place).sum::<f32>() / places.max(1) as f32
         };
         self.lamps.iter().map(of_lamp).collect()
     }
 
-    /// The irradiance of a point that a lamp of radiance 1 would give it, were all of it as the place that two numbers pick.
-    fn arriving(&self, slab: &Slab, lamp: &Lamp, point: Vec3, normal: Vec3, u: [f32; 2]) -> f32 {
+    /// The irradiance of a point that a lamp of radiance 1 would give it, were all of it as the place that two numbers pick: by way of as few
+    /// faces as can be, and of more.
+    fn arriving(&self, slab: &Slab, lamp: &Lamp, point: Vec3, normal: Vec3, u: [f32; 2]) -> [f32; 2] {
         let (place, shines, area_mm2) = lamp.place(u);
-        let mut sum = 0.0;
+        let mut sums = [0.0; 2];
         for order in 0..2 * ORDERS {
             let way = slab.way(point, place, order);
             if way.part < LEAST_PART {
@@ -91,9 +98,10 @@ impl<'a> Byways<'a> {
             {
                 continue;
             }
-            sum += way.part * lamp.radiance(leaving) * way.angle_per_mm2 * leaving * cos;
+            sums[order.min(1)] +=
+                way.part * lamp.radiance(leaving) * way.angle_per_mm2 * leaving * cos * area_mm2;
         }
-        sum * area_mm2
+        sums
     }
 
     /// Whether something stands between a point outside of the plate and the plate, in this direction.

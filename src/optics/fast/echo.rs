@@ -168,7 +168,7 @@ impl Echo {
                     let met = radiosity::met_by(world, element as usize, PATCH_RAYS, &buried);
                     area += world.area(element as usize) * met.len() as f32 / PATCH_RAYS as f32;
                     rays += met.len();
-                    for to in met.iter().map(group) {
+                    for to in met.iter().map(|(element, _)| group(element)) {
                         if to != NOWHERE {
                             parts[usize::from(to)] += 1.0;
                         }

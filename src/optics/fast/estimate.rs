@@ -74,9 +74,6 @@ const WORTHWHILE: f64 = 0.9;
 const BASE_ERROR: [f64; 2] = [0.004, 0.0048];
 /// What a plate adds: its light is solved by fewer rays than it takes.
 const PLATE_ERROR: f64 = 0.004;
-/// What lamps beyond a plate add besides, for what walls would still send on after as many events as are counted: about every second is
-/// taken for a face of the plate. (Between walls of 0.8 pictures of 16 events are 2.6 to 3.6 % off; with lamps before the plate 0.6.)
-const PLATE_TAIL_ERROR: f64 = 0.165;
 /// What lamps between pad and plate add besides: they are seen mirrored, from places a millimetre apart. (A GelSight with a plate of
 /// 2 mm, 6 mm over its pad, is 0.6 % off untouched, 640 x 480.)
 const MIRRORED_ERROR: f64 = 0.0045;
@@ -260,14 +257,7 @@ impl Renderer<'_> {
         let groove = if traced.is_some() { STRAIGHT_PART * groove } else { groove };
         let beyond = BEYOND_ERROR * pictures.border_mm;
         let bounces = self.once.bounces_between_walls();
-        let plate = match self.once.view.slab {
-            Some(_) if !self.once.has_lamps_below_plate() => {
-                let events = f64::from(self.once.fixed_scene.max_events / 2).max(1.0) - 1.0;
-                PLATE_ERROR.max(PLATE_TAIL_ERROR * (1.0 - bounces.recip()).powf(events))
-            }
-            Some(_) => PLATE_ERROR,
-            None => 0.0,
-        };
+        let plate = if self.once.view.slab.is_some() { PLATE_ERROR } else { 0.0 };
         let mirrored = if self.once.has_lamps_below_plate() { MIRRORED_ERROR } else { 0.0 };
         let curved = if self.once.total.parts().0.is_curved() { CURVED_ERROR } else { 0.0 };
         let sources = || self.once.sources.iter().enumerate().filter(|(l, _)| shines(*l)).map(|(_, s)| s);

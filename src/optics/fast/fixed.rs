@@ -61,8 +61,11 @@ pub fn veils(view: &View, slab: &Slab, world: &World, lamps: &[Lamp], solved: &R
         let doubled = add(lamp_at(ghost + below * world.offset, below), weight);
         let straight = add(lamp_at(from + below * world.offset, below), -weight);
         for (light, sum) in sums.iter_mut().enumerate() {
-            let of_wall = |(element, weight)| solved.radiance(element, light) * weight;
-            *sum += walls.into_iter().flatten().map(of_wall).sum::<Vec3>();
+            // (The first image comes of one face, and the second of three.)
+            let [first, second] = walls;
+            let of_first = |(element, weight)| solved.mirrored(element, light) * weight;
+            let of_second = |(element, weight)| solved.radiance(element, light) * weight;
+            *sum += first.map_or(Vec3::ZERO, of_first) + second.map_or(Vec3::ZERO, of_second);
         }
         (shown, doubled, straight)
     };

@@ -1,6 +1,7 @@
-//! Walls, parted at the level of a pad's face: above it they are lit, in the gap beside the pad hardly. A patch that reached from
-//! one into the other would be neither.
+//! Walls, parted at the level of a pad's face: above it they are lit, in the gap beside the pad hardly; and at the faces of a plate. A
+//! patch that reached from one into the other would be neither.
 
+use super::plate::Slab;
 use crate::optics::{Mesh, Role, Scene};
 use glam::Vec3;
 
@@ -15,8 +16,22 @@ pub fn level_of(scene: &Scene) -> Option<f32> {
     (high - low < LEVEL_MM).then_some(0.5 * (low + high))
 }
 
+/// Levels at which walls are cut: that of the pad's face, and those of a plate's faces. (In the plate there is less light, as radiance is
+/// counted there.)
+pub fn levels(scene: &Scene, slab: Option<Slab>) -> Vec<f32> {
+    level_of(scene).into_iter().chain(slab.into_iter().flat_map(|slab| [slab.low, slab.high])).collect()
+}
+
+/// A mesh cut at all these levels.
+pub fn cut_at(mesh: &Mesh, levels: &[f32]) -> Vec<Mesh> {
+    levels.iter().fold(vec![mesh.clone()], |parts, level| {
+        let halves = parts.iter().flat_map(|part| parted(part, *level));
+        halves.filter(|part| !part.triangles.is_empty()).collect()
+    })
+}
+
 /// What of a mesh is above a level, and what below it.
-pub fn parted(mesh: &Mesh, level: f32) -> [Mesh; 2] {
+fn parted(mesh: &Mesh, level: f32) -> [Mesh; 2] {
     [1.0, -1.0].map(|side| {
         let mut part = Mesh::default();
         for k in 0..mesh.triangles.len() {
@@ -47,6 +62,19 @@ pub fn parted(mesh: &Mesh, level: f32) -> [Mesh; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn strips_between_levels_are_the_whole() {
+        let walls = Mesh::open_box(Vec3::new(-3.0, -2.0, -0.5), Vec3::new(3.0, 2.0, 7.0));
+        let area = |mesh: &Mesh| (0..mesh.triangles.len()).map(|k| mesh.area(k)).sum::<f32>();
+        let strips = cut_at(&walls, &[0.0, 1.5, 3.5]);
+        let mut found: Vec<f32> = strips.iter().map(area).collect();
+        found.sort_by(f32::total_cmp);
+        let top = found.pop().unwrap();
+        assert!(found.iter().zip([10.0, 30.0, 40.0]).all(|(a, b)| (a - b).abs() < 1e-3), "{found:?}");
+        assert!(found.len() == 3 && (top + 80.0 - area(&walls)).abs() < 1e-3);
+        assert!(area(&cut_at(&walls, &[])[0]) == area(&walls));
+    }
 
     #[test]
     fn parts_are_the_whole_and_lie_on_their_sides() {

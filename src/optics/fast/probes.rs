@@ -101,7 +101,7 @@ pub fn gather(
                 let mut dice = hash(node as u32, k as u32);
                 // (A light itself is direct light, and mirrored it is looked at below.)
                 let Some(met) = world.follow(origin, *direction, &mut dice) else { continue };
-                let radiances = solved.radiances(met.element);
+                let radiances = solved.radiances(met.element, met.faces);
                 for (sums, weight) in sums.chunks_exact_mut(radiances.len()).zip(weights) {
                     for (sum, radiance) in sums.iter_mut().zip(radiances) {
                         *sum += *radiance * *weight;

@@ -1,8 +1,8 @@
 //! The light that walls and pad send out, solved once for the untouched sensor.
 //!
 //! Elements are the sides of the world's patches. Each gathers over cosine-distributed rays, so that what stands in
-//! between is accounted for; the rows of elements met are kept and the bounces are then a sparse product. Bounces are
-//! counted: an event limit cuts the series here as it does in the reference.
+//! between is accounted for; the rows of elements met are kept and the bounces are then a sparse product. Events are
+//! counted: a limit cuts the series here as it does in the reference, where every face of a plate is an event, too.
 
 use super::byway::Byways;
 use super::plate::Slab;
@@ -11,6 +11,7 @@ use super::world::World;
 use crate::optics::sampler::{Sampler, hash};
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
+use std::collections::VecDeque;
 use std::f32::consts::{FRAC_1_PI, TAU};
 
 /// Rays of an element without and with clear bodies, at which chance splits them; their errors average out over the many
@@ -18,6 +19,13 @@ use std::f32::consts::{FRAC_1_PI, TAU};
 const RAYS: [u32; 2] = [64, 256];
 /// Points at which an element's direct light is taken.
 const POINTS: u32 = 16;
+/// So many of them that nothing covers are enough (of a patch of a wall a strip may be left beside a lamp); else up to so many rounds of
+/// them are tried.
+const LEAST_POINTS: u32 = 8;
+const MOST_ROUNDS: u32 = 8;
+/// Faces of a plate on a way between two elements that are counted; more are met by one ray in a hundred, but by a fifth of those from a
+/// wall in the plate, to and fro in the glass.
+const MOST_FACES: usize = 4;
 
 /// What each element sends out, for each light of radiance 1. Lights and their colours stand side by side, four at a time.
 #[derive(Debug, Clone)]
@@ -28,14 +36,16 @@ pub struct Radiosity {
     colours: usize,
     /// Vectors of an element.
     pub vectors: usize,
-    /// By element: radiance of the diffuse reflection, the light's own emission excepted.
-    radiance: Vec<Vec4>,
+    /// By faces on the way to the pad and element: radiance of the diffuse reflection, the light's own emission excepted.
+    radiance: Vec<Vec<Vec4>>,
+    /// By element: what a plate mirrors to the camera, as a second event; empty without one.
+    mirrored: Vec<Vec4>,
     /// What of it the camera sees is scattered once more than what lights the pad; without what came straight from the lights.
     shown: Vec<Vec4>,
 }
 
 impl Radiosity {
-    /// After 1 to `events` scatterings; what the camera sees after one more.
+    /// For paths of at most so many `events`, counted from the camera.
     ///
     /// `buried` tells which points lie under the untouched face: patches of walls that reach below a curved one count
     /// only their part above, which is what the camera's side sees of them. What a plate, if there is one, mirrors of lamps and
@@ -48,39 +58,48 @@ impl Radiosity {
         buried: impl Fn(Vec3) -> bool + Sync,
     ) -> Self {
         let (n, lights) = (2 * world.patches, lamps.len());
-        let byways = Byways::new(world, lamps, slab);
-        let of_element = |k: usize| {
-            let mut sums = direct(world, lamps, k, &buried);
-            byways.add_to(&mut sums, k, |point, normal| buried(point) || covered(world, point, normal));
-            sums
-        };
-        let direct: Vec<f32> = (0..n).into_par_iter().flat_map_iter(of_element).collect();
-        let rows: Vec<Vec<u32>> = (0..n).into_par_iter().map(|k| row(world, k, &buried)).collect();
         let albedos: Vec<Vec3> = (0..n).map(|k| world.element(k).0).collect();
         let colours = if albedos.iter().all(|a| a.x == a.y && a.y == a.z) { 1 } else { 3 };
         let vectors = (lights * colours).div_ceil(4);
-        let mut straight = vec![Vec4::ZERO; n * vectors];
+        let straight = Straight::new(world, lamps, slab, &buried);
+        let rows: Vec<[Vec<u32>; MOST_FACES + 1]> =
+            (0..n).into_par_iter().map(|k| row(world, k, &buried)).collect();
         // By element, for all its numbers.
-        let mut reflectances = straight.clone();
+        let mut reflectances = vec![Vec4::ZERO; n * vectors];
         for (k, albedo) in albedos.iter().enumerate() {
             for number in 0..lights * colours {
-                let (at, lane) = (k * vectors + number / 4, number % 4);
-                let (light, colour) = (number / colours, number % colours);
-                reflectances[at][lane] = albedo[colour];
-                straight[at][lane] = albedo[colour] * direct[k * lights + light] * FRAC_1_PI;
+                reflectances[k * vectors + number / 4][number % 4] = albedo[number % colours];
             }
         }
-        let mut radiance = if events > 0 { straight.clone() } else { vec![Vec4::ZERO; n * vectors] };
-        let scattered = |before: &[Vec4]| {
-            let mut sums = vec![Vec4::ZERO; before.len()];
+        // What comes straight from the lights, where so many faces of the plate may still be met.
+        let most_faces = |faces: usize| if slab.is_some() { faces } else { 0 };
+        let by_faces: Vec<Vec<Vec4>> = (0..=most_faces(STRAIGHT_FACES))
+            .map(|faces| {
+                let mut sent = reflectances.clone();
+                for (k, sent) in sent.chunks_exact_mut(vectors).enumerate() {
+                    for number in 0..lights * colours {
+                        let irradiance = straight.within(k, number / colours, faces);
+                        sent[number / 4][number % 4] *= irradiance * FRAC_1_PI;
+                    }
+                }
+                sent
+            })
+            .collect();
+        let nothing = vec![Vec4::ZERO; n * vectors];
+        // What elements send on of what others send that are the next event, or later by the faces in between.
+        let scattered = |later: &VecDeque<Vec<Vec4>>| {
+            let mut sums = nothing.clone();
             sums.par_chunks_mut(vectors).zip(&rows).enumerate().for_each(|(k, (sums, row))| {
                 let reflectances = &reflectances[k * vectors..][..vectors];
-                let share = 1.0 / row.len().max(1) as f32;
+                let rays: usize = row.iter().map(Vec::len).sum();
+                let share = 1.0 / rays.max(1) as f32;
                 for (v, sum) in sums.iter_mut().enumerate() {
                     let mut arrived = Vec4::ZERO;
-                    for &met in row {
-                        if met != NOTHING {
-                            arrived += before[met as usize * vectors + v];
+                    for (met, before) in row.iter().zip(later) {
+                        for &met in met {
+                            if met != NOTHING {
+                                arrived += before[met as usize * vectors + v];
+                            }
                         }
                     }
                     *sum = arrived * reflectances[v] * share;
@@ -88,18 +107,30 @@ impl Radiosity {
             });
             sums
         };
-        for _ in 1..events {
-            radiance = scattered(&radiance);
-            radiance.iter_mut().zip(&straight).for_each(|(sum, straight)| *sum += *straight);
-        }
-        let shown = scattered(&radiance);
-        Self { lights, colours, vectors, radiance, shown }
+        // From the last event back to that which follows the pad's. (Through a plate the pad is the third.)
+        let of_pad = if slab.is_some() { 3 } else { 1 };
+        let mut sent: VecDeque<Vec<Vec4>> = vec![nothing.clone(); most_faces(MOST_FACES) + 1].into();
+        let step_back = |sent: &mut VecDeque<Vec<Vec4>>, event: u32| {
+            let mut radiance = scattered(sent);
+            let left = (events.saturating_sub(event) as usize).min(by_faces.len() - 1);
+            radiance.iter_mut().zip(&by_faces[left]).for_each(|(sum, straight)| *sum += *straight);
+            sent.pop_back();
+            sent.push_front(radiance);
+        };
+        (of_pad + 1..=events).rev().for_each(|event| step_back(&mut sent, event));
+        let radiance = sent.iter().cloned().collect();
+        // (What the camera sees lies under the plate, as the pad does.)
+        let shown = scattered(&sent);
+        (2..=of_pad).rev().for_each(|event| step_back(&mut sent, event));
+        let mirrored = slab.and_then(|_| sent.pop_front()).unwrap_or_default();
+        Self { lights, colours, vectors, radiance, mirrored, shown }
     }
 
-    /// Radiance of an element in numbers side by side.
+    /// Radiance that an element sends the pad past so many faces of a plate, in numbers side by side.
     #[inline(always)]
-    pub fn radiances(&self, element: usize) -> &[Vec4] {
-        &self.radiance[element * self.vectors..][..self.vectors]
+    pub fn radiances(&self, element: usize, faces: u32) -> &[Vec4] {
+        let level = (faces as usize).min(self.radiance.len() - 1);
+        &self.radiance[level][element * self.vectors..][..self.vectors]
     }
 
     /// What numbers side by side tell of a light.
@@ -111,9 +142,14 @@ impl Radiosity {
         Vec3::new(number(0), number(1), number(2))
     }
 
-    /// Radiance of an element in a light.
+    /// Radiance of an element in a light, with no plate on the way.
     pub fn radiance(&self, element: usize, light: usize) -> Vec3 {
-        self.of_light(self.radiances(element), light)
+        self.of_light(self.radiances(element, 0), light)
+    }
+
+    /// What the camera sees of an element that the upper face of a plate mirrors.
+    pub fn mirrored(&self, element: usize, light: usize) -> Vec3 {
+        self.of_light(&self.mirrored[element * self.vectors..][..self.vectors], light)
     }
 
     /// What the camera sees of an element, but for what came straight from the lights.
@@ -122,21 +158,74 @@ impl Radiosity {
     }
 }
 
+/// Faces of a plate by way of which a light is straight light, at most; what comes by more is counted as if by these.
+const STRAIGHT_FACES: usize = 4;
+
+/// Irradiance of elements straight from each light, with no plate on the way and by way of one.
+struct Straight {
+    lights: usize,
+    /// By element and light: with no plate on the way.
+    free: Vec<f32>,
+    /// The same by way of one: by as few faces as can be, and by more.
+    by_plate: Vec<[f32; 2]>,
+    /// How many these are.
+    faces: Vec<[u8; 2]>,
+}
+
+impl Straight {
+    fn new(
+        world: &World,
+        lamps: &[Lamp],
+        slab: Option<Slab>,
+        buried: &(impl Fn(Vec3) -> bool + Sync),
+    ) -> Self {
+        let n = 2 * world.patches;
+        let byways = Byways::new(world, lamps, slab);
+        let by_way =
+            |k: usize| byways.of_element(k, |point, normal| buried(point) || covered(world, point, normal));
+        let faces_to = |k: usize| {
+            let place = world.point(k, [0.3, 0.3]).0;
+            lamps
+                .iter()
+                .map(move |lamp| slab.map_or([0; 2], |slab| slab.faces_between(place, lamp.bounds[0])))
+        };
+        Self {
+            lights: lamps.len(),
+            free: (0..n).into_par_iter().flat_map_iter(|k| direct(world, lamps, k, buried)).collect(),
+            by_plate: (0..n).into_par_iter().flat_map_iter(by_way).collect(),
+            faces: (0..n).flat_map(faces_to).collect(),
+        }
+    }
+
+    /// Of an element and a light, by way of at most so many faces.
+    fn within(&self, element: usize, light: usize, most: usize) -> f32 {
+        let at = element * self.lights + light;
+        let ways = self.by_plate[at].iter().zip(self.faces[at]);
+        self.free[at]
+            + ways.filter(|(_, faces)| usize::from(*faces) <= most).map(|(by_plate, _)| by_plate).sum::<f32>()
+    }
+}
+
 /// Irradiance of an element straight from each light, over those of its points that nothing covers.
 fn direct(world: &World, lamps: &[Lamp], element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec<f32> {
     let sampler = Sampler::new(0x0e1e, element as u32 / 2, 0, POINTS);
     let own = world.element(element).1;
     let (mut sums, mut points) = (vec![0.0; lamps.len()], 0);
-    for i in 0..POINTS {
-        let [u, v, ..] = sampler.group(i, 0);
-        let (point, normal) = world.point(element, [u, v]);
-        if buried(point) || covered(world, point, normal) {
-            continue;
+    for round in 0..MOST_ROUNDS {
+        for i in 0..POINTS {
+            let [u, v, ..] = sampler.group(i, round);
+            let (point, normal) = world.point(element, [u, v]);
+            if buried(point) || covered(world, point, normal) {
+                continue;
+            }
+            for (k, sum) in sums.iter_mut().enumerate() {
+                *sum += world.direct(point, normal, own, k, &lamps[k]);
+            }
+            points += 1;
         }
-        for (k, sum) in sums.iter_mut().enumerate() {
-            *sum += world.direct(point, normal, own, k, &lamps[k]);
+        if points >= LEAST_POINTS {
+            break;
         }
-        points += 1;
     }
     sums.iter_mut().for_each(|sum| *sum /= points.max(1) as f32);
     sums
@@ -151,13 +240,18 @@ fn covered(world: &World, point: Vec3, normal: Vec3) -> bool {
 /// How near, in edges of a patch: into so narrow a gap next to no light falls, and next to none of it shows.
 const COVER: f32 = 0.1;
 
-fn row(world: &World, element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec<u32> {
-    met_by(world, element, RAYS[usize::from(world.has_clear())], buried)
+/// What the rays of an element meet, by faces of a plate on the way.
+fn row(world: &World, element: usize, buried: &impl Fn(Vec3) -> bool) -> [Vec<u32>; MOST_FACES + 1] {
+    let mut row = [const { Vec::new() }; MOST_FACES + 1];
+    for (met, faces) in met_by(world, element, RAYS[usize::from(world.has_clear())], buried) {
+        row[(faces as usize).min(MOST_FACES)].push(met);
+    }
+    row
 }
 
-/// The elements met by the rays of one, [`NOTHING`] where a ray meets none; rays from points that something covers are
-/// left out.
-pub fn met_by(world: &World, element: usize, rays: u32, buried: &impl Fn(Vec3) -> bool) -> Vec<u32> {
+/// The elements met by the rays of one, [`NOTHING`] where a ray meets none, and past how many faces of a plate; rays from points
+/// that something covers are left out.
+pub fn met_by(world: &World, element: usize, rays: u32, buried: &impl Fn(Vec3) -> bool) -> Vec<(u32, u32)> {
     let sampler = Sampler::new(0x6a74, element as u32, 0, rays);
     (0..rays)
         .filter_map(|i| {
@@ -168,7 +262,7 @@ pub fn met_by(world: &World, element: usize, rays: u32, buried: &impl Fn(Vec3) -
             }
             let mut dice = hash(element as u32, i);
             let met = world.follow(point + normal * world.offset, cosine(normal, a, b), &mut dice);
-            Some(met.map_or(NOTHING, |met| met.element as u32))
+            Some(met.map_or((NOTHING, 0), |met| (met.element as u32, met.faces)))
         })
         .collect()
 }

@@ -49,7 +49,7 @@ pub fn gather(
                     let Some(met) = world.follow(origin, towards(direction, a, b), &mut dice) else {
                         continue;
                     };
-                    for (sum, radiance) in sums.iter_mut().zip(solved.radiances(met.element)) {
+                    for (sum, radiance) in sums.iter_mut().zip(solved.radiances(met.element, met.faces)) {
                         *sum += *radiance;
                     }
                 }

@@ -4,7 +4,8 @@
 //! Every surface is cut into patches of about a millimetre: a triangle into a grid in its barycentric
 //! coordinates, the pad's lattice into blocks of quads. Each side of a patch is an element of the radiosity solution.
 
-use super::parted::{level_of, parted};
+use super::parted::{cut_at, levels};
+use super::plate::Slab;
 use super::source::Lamp;
 use crate::optics::Material;
 use crate::optics::bsdf::{fresnel, refract};
@@ -20,7 +21,7 @@ const USUAL_MM: f32 = 14.3;
 const MOST_CUTS: u32 = 24;
 
 /// Faces of clear bodies that a path crosses at most.
-const MOST_CROSSINGS: usize = 24;
+const MOST_CROSSINGS: u32 = 24;
 
 /// How a part is cut into patches.
 #[derive(Debug, Clone, Copy)]
@@ -31,13 +32,19 @@ enum Cut {
     Blocks { quads_x: u32, quads_y: u32, columns: u32, rows: u32 },
 }
 
-/// A surface or the patch of a light.
-#[derive(Debug, Clone)]
-struct Part {
+/// What a surface or a light is made of.
+#[derive(Debug, Clone, Copy)]
+struct Made {
     albedo: Vec3,
     /// Index of refraction, where it is clear.
     clear: Option<f32>,
     light: Option<usize>,
+}
+
+/// Triangles of a surface or of a light.
+#[derive(Debug, Clone)]
+struct Part {
+    made: Made,
     first_triangle: u32,
     first_patch: u32,
     cut: Cut,
@@ -73,6 +80,8 @@ pub struct Met {
     pub front: bool,
     /// Element of the radiosity solution.
     pub element: usize,
+    /// How many faces of clear bodies the path met before: so many events it took.
+    pub faces: u32,
     /// Index of refraction behind the surface over that before it, where it is clear.
     eta: Option<f32>,
 }
@@ -105,13 +114,13 @@ impl World {
             patches: 0,
             patch_mm: PATCH_MM * fineness(scene),
         };
-        let level = level_of(scene);
+        let levels = levels(scene, Slab::of(scene)?);
         for surface in &scene.surfaces {
             if surface.role == Role::Pad && !with_pad {
                 continue;
             }
             if let (Role::Plate, Material::Dielectric { ior }) = (surface.role, &surface.material) {
-                world.add(&surface.mesh, Vec3::ZERO, None, Some(*ior));
+                world.add(&surface.mesh, Made { albedo: Vec3::ZERO, clear: Some(*ior), light: None });
                 continue;
             }
             let Material::Lambert { albedo } = &surface.material else {
@@ -127,16 +136,15 @@ impl World {
                     return Err(super::unsupported("material", &value, "walls of one colour only"));
                 }
             };
-            match level.filter(|_| surface.role == Role::Housing) {
-                Some(level) => parted(&surface.mesh, level)
-                    .iter()
-                    .filter(|part| !part.triangles.is_empty())
-                    .for_each(|part| world.add(part, albedo, None, None)),
-                None => world.add(&surface.mesh, albedo, None, None),
+            let made = Made { albedo, clear: None, light: None };
+            match surface.role {
+                Role::Housing => cut_at(&surface.mesh, &levels).iter().for_each(|part| world.add(part, made)),
+                _ => world.add(&surface.mesh, made),
             }
         }
         for (k, light) in scene.lights.iter().enumerate() {
-            world.add(&light.shape.tessellate(), light.albedo, Some(k), None);
+            let made = Made { albedo: light.albedo, clear: None, light: Some(k) };
+            world.add(&light.shape.tessellate(), made);
         }
         let extent = world.corners.iter().flatten().fold(0.0f32, |m, p| m.max(p.abs().max_element()));
         world.offset = extent * 2e-6;
@@ -144,35 +152,43 @@ impl World {
         Ok(world)
     }
 
-    fn add(&mut self, mesh: &Mesh, albedo: Vec3, light: Option<usize>, clear: Option<f32>) {
-        // Edge of a square of twice the area: slender triangles need few patches.
-        let edge_of = |[a, b, c]: [Vec3; 3]| (b - a).cross(c - a).length().sqrt();
-        let (cut, patches) = match mesh.lattice {
+    fn add(&mut self, mesh: &Mesh, made: Made) {
+        let all = 0..mesh.triangles.len();
+        match mesh.lattice {
             Some([nx, ny]) if nx >= 2 && ny >= 2 && self.has_fine_quads(mesh, [nx, ny]) => {
                 let [x, y] = extent(mesh, [nx, ny]);
                 let (quads_x, quads_y) = (nx as u32 - 1, ny as u32 - 1);
                 let blocks =
                     |length: f32, quads: u32| ((length / self.patch_mm).ceil() as u32).clamp(1, quads);
                 let (columns, rows) = (blocks(x, quads_x), blocks(y, quads_y));
-                (Cut::Blocks { quads_x, quads_y, columns, rows }, columns * rows)
+                let cut = Cut::Blocks { quads_x, quads_y, columns, rows };
+                self.add_part(made, cut, all.map(|k| mesh.corners(k)).collect());
             }
+            // Walls that are cut into strips have large and small triangles: those that take as many patches are a part.
             _ => {
-                let edge = (0..mesh.triangles.len()).map(|k| edge_of(mesh.corners(k))).fold(0.0, f32::max);
-                let n = ((edge / self.patch_mm).ceil() as u32).clamp(1, MOST_CUTS);
-                (Cut::Triangles { n }, n * n * mesh.triangles.len() as u32)
+                // Edge of a square of twice the area: slender triangles need few patches.
+                let edge_of = |[a, b, c]: [Vec3; 3]| (b - a).cross(c - a).length().sqrt();
+                let mut parts = [const { Vec::new() }; MOST_CUTS as usize];
+                for corners in all.map(|k| mesh.corners(k)) {
+                    let n = ((edge_of(corners) / self.patch_mm).ceil() as usize).clamp(1, parts.len());
+                    parts[n - 1].push(corners);
+                }
+                for (n, triangles) in (1..).zip(parts).filter(|(_, triangles)| !triangles.is_empty()) {
+                    self.add_part(made, Cut::Triangles { n }, triangles);
+                }
             }
+        }
+    }
+
+    fn add_part(&mut self, made: Made, cut: Cut, triangles: Vec<[Vec3; 3]>) {
+        let (first_triangle, first_patch) = (self.corners.len() as u32, self.patches as u32);
+        self.part_of.resize(self.part_of.len() + triangles.len(), self.parts.len() as u16);
+        self.parts.push(Part { made, first_triangle, first_patch, cut });
+        self.patches += match cut {
+            Cut::Triangles { n } => (n * n) as usize * triangles.len(),
+            Cut::Blocks { columns, rows, .. } => (columns * rows) as usize,
         };
-        self.part_of.resize(self.part_of.len() + mesh.triangles.len(), self.parts.len() as u16);
-        self.parts.push(Part {
-            albedo,
-            clear,
-            light,
-            first_triangle: self.corners.len() as u32,
-            first_patch: self.patches as u32,
-            cut,
-        });
-        self.corners.extend((0..mesh.triangles.len()).map(|k| mesh.corners(k)));
-        self.patches += patches as usize;
+        self.corners.extend(triangles);
     }
 
     /// Whether the quads of a lattice are no larger than patches: blocks of them can be patches.
@@ -190,11 +206,12 @@ impl World {
         let patch = part.first_patch + part.cut.patch(triangle, hit.barycentric);
         Some(Met {
             normal: if front { hit.normal } else { -hit.normal },
-            albedo: part.albedo,
-            light: part.light,
+            albedo: part.made.albedo,
+            light: part.made.light,
             front,
             element: 2 * patch as usize + usize::from(!front),
-            eta: part.clear.map(|ior| if front { ior } else { 1.0 / ior }),
+            faces: 0,
+            eta: part.made.clear.map(|ior| if front { ior } else { 1.0 / ior }),
             hit,
         })
     }
@@ -202,9 +219,9 @@ impl World {
     /// The first surface that is not clear, along a path that reflects or refracts by chance at clear ones. `dice` is the state of
     /// the chance.
     pub fn follow(&self, mut origin: Vec3, mut direction: Vec3, dice: &mut u32) -> Option<Met> {
-        for _ in 0..MOST_CROSSINGS {
+        for faces in 0..MOST_CROSSINGS {
             let met = self.trace(origin, direction)?;
-            let Some(eta) = met.eta else { return Some(met) };
+            let Some(eta) = met.eta else { return Some(Met { faces, ..met }) };
             let cos = -direction.dot(met.normal);
             *dice = hash(*dice, 0x51ab);
             let chance = (*dice >> 8) as f32 * (1.0 / 16_777_216.0);
@@ -225,7 +242,7 @@ impl World {
 
     /// Whether anything is clear.
     pub fn has_clear(&self) -> bool {
-        self.parts.iter().any(|p| p.clear.is_some())
+        self.parts.iter().any(|p| p.made.clear.is_some())
     }
 
     /// A point of an element with its normal, for `u` in the unit square.
@@ -259,7 +276,7 @@ impl World {
     pub fn element(&self, element: usize) -> (Vec3, Option<usize>) {
         let patch = (element / 2) as u32;
         let part = &self.parts[self.parts.partition_point(|p| p.first_patch <= patch) - 1];
-        (part.albedo, part.light)
+        (part.made.albedo, part.made.light)
     }
 
     /// Irradiance of a point straight from light `k` of radiance 1, hidden or not as its middle is.
