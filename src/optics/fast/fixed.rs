@@ -9,7 +9,7 @@ use super::source::Lamp;
 use super::view::View;
 use super::world::{Met, World};
 use crate::optics::accel::overlaps;
-use crate::optics::sampler::Sampler;
+use crate::optics::sampler::{Sampler, hash};
 use crate::optics::{Error, Role, Scene, Surface};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -228,7 +228,8 @@ impl<'a> Looks<'a> {
         (0..rays)
             .filter_map(|i| {
                 let [a, b, ..] = sampler.group(i, 0);
-                let met = self.world.trace(start, cosine(normal, a, b))?;
+                let mut dice = hash(at.x.to_bits() ^ at.y.to_bits().rotate_left(16), i);
+                let met = self.world.follow(start, cosine(normal, a, b), &mut dice)?;
                 (!(self.buried)(met.hit.point)).then_some(met)
             })
             .collect()
@@ -238,7 +239,7 @@ impl<'a> Looks<'a> {
     fn radiance(&self, met: &Met, l: usize) -> Vec3 {
         let Self { world, solved, lamps, .. } = self;
         if !self.gathers || met.hit.t > NEAR * world.patch_mm {
-            return solved.radiance(met.element, l);
+            return solved.of_light(solved.radiances(met.element, met.faces), l);
         }
         let direct = world.direct(met.hit.point, met.normal, met.light, l, &lamps[l]);
         met.albedo * (FRAC_1_PI * direct) + solved.shown(met.element, l)
