@@ -217,6 +217,18 @@ fn extremes(cases: &mut Vec<Case>) {
         }),
     ));
     cases.push(case(
+        "walls with triangles of no area, and two in one place",
+        Due::Picture,
+        changed(|s| {
+            for walls in s.surfaces.iter_mut().filter(|s| s.role == Role::Housing) {
+                let triangles = &mut Arc::make_mut(&mut walls.mesh).triangles;
+                let first = triangles[0];
+                let [a, b, _] = first;
+                triangles.extend([[a, a, b], [b, b, b], first]);
+            }
+        }),
+    ));
+    cases.push(case(
         "a pad of 1 triangle, which is left to the reference mode",
         Due::Reference,
         changed(|s| {
