@@ -21,6 +21,23 @@ pub(super) fn scene(variant: bench_scene::Variant, height: impl Fn(f32, f32) -> 
     scene
 }
 
+/// The benchmark scene, its pad untouched, with its plate lifted by so much, between walls of this albedo.
+fn with_plate(lift_mm: f32, walls: f32) -> Scene {
+    let mut scene = scene(bench_scene::Variant::B, |_, _| 0.0);
+    for surface in &mut scene.surfaces {
+        match surface.role {
+            Role::Plate => {
+                Arc::make_mut(&mut surface.mesh).positions.iter_mut().for_each(|p| p.z += lift_mm);
+            }
+            Role::Housing => {
+                surface.material = Material::Lambert { albedo: crate::optics::Albedo::grey(walls) }
+            }
+            _ => {}
+        }
+    }
+    scene
+}
+
 fn sphere(x: f32, y: f32) -> f32 {
     let r = (x - 1.5).hypot(y + 1.0);
     if r < 2.0 { (16.0 - r * r).sqrt() - 3.0 } else { 0.4641 * (-1.244 * (r - 2.0)).exp() }

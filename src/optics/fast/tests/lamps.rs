@@ -5,18 +5,7 @@ use bench_scene::Variant;
 
 /// The benchmark scene under a plate over its lamps, between grey walls, with changed lights.
 fn under_plate(change: fn(&mut crate::optics::Light)) -> Scene {
-    let mut scene = scene(Variant::B, |_, _| 0.0);
-    for surface in &mut scene.surfaces {
-        match surface.role {
-            Role::Plate => {
-                Arc::make_mut(&mut surface.mesh).positions.iter_mut().for_each(|p| p.z += 5.5);
-            }
-            Role::Housing => {
-                surface.material = Material::Lambert { albedo: crate::optics::Albedo::grey(0.5) }
-            }
-            _ => {}
-        }
-    }
+    let mut scene = with_plate(5.5, 0.5);
     scene.lights.iter_mut().for_each(change);
     scene
 }

@@ -28,19 +28,12 @@ fn through_a_plate_means_agree_with_the_reference() {
 /// Between bright walls much of the light is cut off where the events end, and every face of the plate is one.
 #[test]
 fn faces_of_a_plate_are_events_in_both_modes() {
-    let mut scene = scene(bench_scene::Variant::B, |_, _| 0.0);
-    scene.surfaces.iter_mut().filter(|s| s.role == Role::Housing).for_each(|s| {
-        s.material = Material::Lambert { albedo: crate::optics::Albedo::grey(0.8) };
-    });
-    scene.lights.iter_mut().for_each(|light| light.albedo = Vec3::splat(0.8));
     // Lamps beyond the plate, and between it and the pad.
     let mut means = Vec::new();
     for (lift_mm, events) in [(0.0, 7), (0.0, 16), (5.5, 7)] {
-        let mut scene = scene.clone();
+        let mut scene = with_plate(lift_mm, 0.8);
         scene.max_events = events;
-        for surface in scene.surfaces.iter_mut().filter(|s| s.role == Role::Plate) {
-            Arc::make_mut(&mut surface.mesh).positions.iter_mut().for_each(|p| p.z += lift_mm);
-        }
+        scene.lights.iter_mut().for_each(|light| light.albedo = Vec3::splat(0.8));
         let once = Precomputed::new(&scene).unwrap();
         let (film, stated) = Renderer::new(&once, &scene, 0.005).unwrap().render_with_error();
         let settings = reference::Settings { samples: 64, seed: 7 };
