@@ -46,6 +46,21 @@ pub fn longest_mm(body: &dyn Indenter, underside: &Underside, thickness_mm: f64)
     usual
 }
 
+/// Without friction: over half of a body's narrower side, where it has edges. In a longer one what is under its tip is pushed out by its
+/// sides: a cone 1 mm across at the tip, 0.91 mm deep in two increments, pierces the face, which lies around its tip over cells of 0.25 mm
+/// and finer, too, and takes a fifth less force.
+const FREE_OVER_RADIUS: f64 = 0.5;
+
+/// The longest increment under a body of this underside without friction, mm.
+pub fn longest_free_mm(body: &dyn Indenter, underside: &Underside) -> f64 {
+    let [hx, hy] = body.half_extent_mm();
+    match underside.has_edges {
+        true => (FREE_OVER_RADIUS * underside.radius_mm().min(hx).min(hy))
+            .clamp(SHORTEST_MM, LONGEST_INCREMENT_MM),
+        false => LONGEST_INCREMENT_MM,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

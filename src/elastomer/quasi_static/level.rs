@@ -55,6 +55,8 @@ pub struct Level {
     least_force: f64,
     /// Longest way into the pad in one increment with friction, mm.
     increment_mm: f64,
+    /// The same without friction, mm.
+    free_increment_mm: f64,
     /// Whether a finer level makes its answers good.
     guesses: bool,
     /// The equilibrium reached.
@@ -130,6 +132,7 @@ impl Level {
             } else {
                 resolution.increment_mm
             },
+            free_increment_mm: resolution.free_increment_mm,
             guesses,
             at: Equilibrium {
                 pose,
@@ -159,6 +162,7 @@ impl Level {
             penetration: self.penetration,
             least_force: self.least_force,
             increment_mm: self.increment_mm,
+            free_increment_mm: self.free_increment_mm,
             guesses: self.guesses,
             at: self.at.clone(),
             newton: self.newton.fork(),

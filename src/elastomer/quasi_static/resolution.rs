@@ -9,7 +9,7 @@ use crate::indenter::Indenter;
 pub const GUESS_RESIDUAL: f64 = 1e-2;
 /// Cells of the face that an answer may cost: 96 along each side, of 0.21 mm on a pad of 20 mm.
 const MOST_CELLS: usize = 96 * 96;
-/// Longest way of the indenter in one increment without friction, mm.
+/// Longest way of the indenter in one increment, mm.
 pub const LONGEST_INCREMENT_MM: f64 = 0.5;
 /// At least so many cells go across what touches. Found by experiment: one cell across a needle 0.8 mm deep stated 15 %, and its
 /// force was 33 % off.
@@ -53,6 +53,8 @@ pub struct Resolution {
     pub penetration: f64,
     /// Longest way into the pad in one increment with friction, mm.
     pub increment_mm: f64,
+    /// The same without friction, mm.
+    pub free_increment_mm: f64,
 }
 
 impl Resolution {
@@ -67,6 +69,7 @@ impl Resolution {
             residual: (0.1 * tolerance).clamp(1e-4, 1e-3),
             penetration: (0.2 * tolerance).min(5e-3),
             increment_mm: LONGEST_INCREMENT_MM,
+            free_increment_mm: LONGEST_INCREMENT_MM,
         }
     }
 
@@ -87,7 +90,8 @@ impl Resolution {
             }
         }
         let increment_mm = increments::longest_mm(body, underside, size[2]);
-        let usual = Self { cell_mm, increment_mm, ..self };
+        let free_increment_mm = increments::longest_free_mm(body, underside);
+        let usual = Self { cell_mm, increment_mm, free_increment_mm, ..self };
         if !underside.has_edges {
             return usual;
         }

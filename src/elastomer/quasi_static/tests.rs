@@ -3,6 +3,7 @@
 mod elastic;
 mod friction;
 mod narrow;
+mod order;
 mod pads;
 mod stated;
 mod truth;

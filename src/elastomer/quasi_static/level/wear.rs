@@ -44,14 +44,14 @@ impl Level {
         let along = (to.x_mm - from.x_mm).hypot(to.y_mm - from.y_mm);
         let down = (to.z_mm - from.z_mm).abs();
         let turn = (to.theta_deg - from.theta_deg).abs();
-        let longest = [LONGEST_INCREMENT_MM, LONGEST_INCREMENT_MM];
         let sticks = self.at.contacts.sticks();
         let worn = self.worn_after(indenter, to, &way_between(from, to));
         let tears = worn > TEARS[0] + WEAR_ROUNDING && self.at.worn < TEARS[1] - WEAR_ROUNDING;
         let part = if sticks && tears { TEARING_INCREMENT } else { 1.0 };
         let slide = if sticks { SLIDE_OVER_CELL * self.grid().hx } else { LONGEST_SLIDE_MM };
         let friction = [self.increment_mm, part * slide.min(LONGEST_SLIDE_MM)];
-        let [deep, far] = if self.at.contacts.has_friction() { friction } else { longest };
+        let free = [self.free_increment_mm, LONGEST_INCREMENT_MM];
+        let [deep, far] = if self.at.contacts.has_friction() { friction } else { free };
         let increments = (down / deep).max(along / far).max(turn / (part * LARGEST_TURN_DEG));
         (increments - WAY_ROUNDING).ceil().max(1.0)
     }

@@ -32,6 +32,26 @@ fn a_small_cone_touches_as_widely_and_presses_as_hard_as_over_the_finest_cells()
     }
 }
 
+#[test]
+fn a_cone_without_friction_does_not_pierce_the_face_however_long_the_way() {
+    let start = Pose::new(0.0, 0.0, 0.1, 0.0);
+    let pressed = |ways_mm: &[f64]| {
+        let settings = Settings { friction: Friction::Coefficient(0.0), ..Settings::default() };
+        let mut s =
+            QuasiStaticSolver::new(&pad(Law::FixedCorotated), &settings, small_cone(0.3), &start).unwrap();
+        for depth_mm in ways_mm {
+            s.advance(&Pose { z_mm: -depth_mm, ..start }).expect("a press");
+        }
+        let seen = s.capture(201, 201).expect("a lattice");
+        [seen.forces.normal_force_n, seen.stats.elastic_energy_n_mm]
+    };
+    let bit_by_bit = pressed(&[0.2, 0.4, 0.6, 0.8, 0.92]);
+    let at_once = pressed(&[0.92]);
+    for (one, other) in at_once.iter().zip(bit_by_bit) {
+        assert!((one / other - 1.0).abs() < 0.01, "{at_once:?} instead of {bit_by_bit:?}");
+    }
+}
+
 /// A flat body with upright walls pressed 0.3 mm.
 fn pressed(plan: Plan, theta_deg: f64, tolerance: f64) -> Result<ElastomerCapture, Error> {
     let shape = Shape::Flat { plan };

@@ -24,7 +24,7 @@ fn displacement(s: &QuasiStaticSolver, x: f64, y: f64) -> DVec3 {
 }
 
 /// Root mean square difference from the finite elements within twice the contact radius, and the bulge, um.
-fn against_finite_elements(s: &QuasiStaticSolver) -> (f64, f64) {
+pub(super) fn against_finite_elements(s: &QuasiStaticSolver) -> (f64, f64) {
     let (mut sum, mut n, mut bulge_um) = (0.0, 0, 0.0f64);
     for line in SPHERE_BY_FINITE_ELEMENTS.lines().skip(1) {
         let row: Vec<f64> = line.split(',').map(|v| v.parse().expect("a number")).collect();
