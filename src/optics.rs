@@ -40,6 +40,8 @@ pub mod material;
 pub mod mesh;
 pub mod noise;
 pub mod overlap;
+#[cfg(test)]
+mod pearson;
 pub mod ratio;
 pub mod reference;
 pub mod render_file;

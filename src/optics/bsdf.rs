@@ -241,7 +241,8 @@ fn schlick(f0: Vec3, cos: f32) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optics::{Albedo, sampler::Sampler};
+    use crate::optics::pearson::{UNLIKELY, chance};
+    use crate::optics::{Albedo, noise::uniform, sampler::Sampler};
 
     fn all() -> Vec<(Material, bool)> {
         let metal = |alpha| Material::RoughConductor { f0: Vec3::new(0.9, 0.8, 0.6), alpha };
@@ -280,7 +281,7 @@ mod tests {
                 let mut lost = 0.0;
                 for i in 0..N {
                     // Independent points: a stratified set would be too even for the test's statistics.
-                    let u = |d| crate::optics::noise::uniform(d, i) as f32;
+                    let u = |d| uniform(d, i) as f32;
                     match bsdf.sample(wo, Vec2::new(u(1), u(2)), u(3)) {
                         None => lost += 1.0,
                         Some(s) => {
@@ -312,16 +313,29 @@ mod tests {
                     (total / (f64::from(N) - lost) - 1.0).abs() < 0.02,
                     "{material:?} {wo}: density sums to {total}"
                 );
-                // Pearson's statistic over bins that expect at least 25; normal approximation of its law.
-                let (mut statistic, mut bins) = (0.0, 0.0);
-                for (s, e) in seen.iter().zip(&expected).filter(|(_, e)| **e >= 25.0) {
-                    statistic += (s - e).powi(2) / e;
-                    bins += 1.0;
-                }
-                let sigmas = (statistic - bins) / (2.0f64 * bins).sqrt();
-                assert!(sigmas < 5.0, "{material:?} {wo}: {sigmas:.1} standard deviations over {bins} bins");
+                // (Where hardly anything is expected the midpoint rule is coarse.)
+                let told = seen.iter().zip(&expected).filter(|(_, e)| **e >= 25.0);
+                let (seen, expected): (Vec<f64>, Vec<f64>) = told.unzip();
+                let likely = chance(&seen, &expected);
+                assert!(likely > UNLIKELY, "{material:?} {wo}: {likely}");
             }
         }
+    }
+
+    #[test]
+    fn the_square_covers_the_disc_evenly() {
+        const N: u32 = 100_000;
+        const SIDE: usize = 12;
+        let mut seen = [0.0; SIDE * SIDE];
+        for i in 0..N {
+            let p = concentric_disc(Vec2::new(uniform(1, i) as f32, uniform(2, i) as f32));
+            let parts = [p.length_squared(), (p.y.atan2(p.x) / TAU).rem_euclid(1.0)];
+            let [ring, turn] = parts.map(|part| ((part * SIDE as f32) as usize).min(SIDE - 1));
+            seen[ring * SIDE + turn] += 1.0;
+        }
+        let even = f64::from(N) / (SIDE * SIDE) as f64;
+        let likely = chance(&seen, &[even; SIDE * SIDE]);
+        assert!(likely > UNLIKELY, "{likely}");
     }
 
     #[test]
