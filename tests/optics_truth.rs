@@ -211,6 +211,31 @@ fn direct_light_agrees_with_quadrature_for_every_material_open_and_half_hidden()
 }
 
 #[test]
+fn lamps_behind_frosted_glass_are_as_bright_with_a_closed_form_as_without() {
+    // Of what lies behind the glass no irradiance is known in front of it: lamps are chosen without.
+    let frosted = || {
+        let sheet = Mesh::cuboid(Vec3::new(-4.0, -4.0, 1.0), Vec3::new(4.0, 4.0, 1.5));
+        surface("sheet", sheet, Material::RoughDielectric { ior: 1.49, alpha: 0.3 })
+    };
+    let picture = |is_mesh: bool| {
+        let lamp = |x: f32, radiance: f32| {
+            let (corner, u, v) = (Vec3::new(x, -0.5, 0.0), Vec3::X, Vec3::Y);
+            let shape = match is_mesh {
+                true => LightShape::Mesh(Arc::new(Mesh::parallelogram(corner, u, v))),
+                false => {
+                    LightShape::Rectangle { center: corner + 0.5 * (u + v), half_u: 0.5 * u, half_v: 0.5 * v }
+                }
+            };
+            light(shape, Vec3::splat(radiance), 0.0)
+        };
+        let lamps = vec![lamp(-1.5, 1.0), lamp(0.5, 3.0)];
+        render(vec![frosted()], lamps, Camera::above(Vec3::Z * 4.0, 0.6, 16, 16), 6, 1024).mean().x
+    };
+    let (closed, sampled) = (picture(false), picture(true));
+    assert!((closed / sampled - 1.0).abs() < 0.02, "{closed} against {sampled}");
+}
+
+#[test]
 fn unhidden_direct_light_has_no_noise() {
     let shape = both_shapes()[0].clone();
     let film =

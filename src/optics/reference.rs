@@ -8,6 +8,7 @@
 //! same seed use the same random numbers, so that their ratio is less noisy than either.
 
 mod by_plate;
+mod choice;
 mod glimpse;
 mod noise;
 mod path;

@@ -13,6 +13,7 @@
 //! n = 1, 2, ... 2n: light and roulette, 2n + 1: direction and lobe of event n + 1.
 
 use super::by_plate::by_area;
+use super::choice::choose;
 use super::plate::Way;
 use super::prepared::{Prepared, Surfel};
 use crate::optics::bsdf::{Lobe, concentric_disc};
@@ -191,7 +192,6 @@ impl Path<'_> {
         // Through a plate no closed form holds: where a path gathers first, and most, each light is tested.
         let tests_each = first && scene.plate.is_some();
         // The closed form, as if nothing stood in the way.
-        let mut total = 0.0;
         for (k, emitter) in scene.emitters.iter().enumerate() {
             // A flat patch does not light itself.
             let itself = emitter.analytic && surfel.light == Some(k);
@@ -205,7 +205,6 @@ impl Path<'_> {
                 (false, true) => 1.0,
                 (false, false) => (e + scene.mirrored(point, normal, k)) * emitter.luminance,
             };
-            total += self.choice[k];
         }
 
         let [pick, u, v] = sample;
@@ -218,21 +217,9 @@ impl Path<'_> {
             return;
         }
 
-        // Choose a light.
-        let uniform = if has_lobe || total <= 0.0 || scene.plate.is_some() { UNIFORM_CHOICE } else { 0.0 };
-        let scale = if total > 0.0 { (1.0 - uniform) / total } else { 0.0 };
-        let floor = uniform / scene.lit as f32;
-        let (mut chosen, mut below) = (None, 0.0);
-        let mut running = 0.0;
-        for (k, p) in self.choice.iter_mut().enumerate() {
-            *p = if scene.emitters[k].is_dark() { 0.0 } else { *p * scale + floor };
-            if *p > 0.0 && (chosen.is_none() || pick >= running) {
-                (chosen, below) = (Some(k), running);
-            }
-            running += *p;
-        }
-        let Some(k) = chosen else { return };
-        let pick = ((pick - below) / self.choice[k]).clamp(0.0, 1.0);
+        let uniform = if has_lobe || scene.plate.is_some() { UNIFORM_CHOICE } else { 0.0 };
+        let shines = |k: usize| !scene.emitters[k].is_dark();
+        let Some((k, pick)) = choose(&mut self.choice, shines, uniform, pick) else { return };
         self.connect(vertex, k, [pick, u, v], add);
     }
 

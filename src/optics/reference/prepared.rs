@@ -15,8 +15,6 @@ pub struct Prepared {
     pub emitters: Vec<Emitter>,
     /// Names of the lights.
     pub names: Vec<String>,
-    /// How many of them shine.
-    pub lit: usize,
     pub accel: Accel,
     /// Distance by which rays start off a surface, mm: above the rounding of a hit, far below any detail.
     pub offset: f32,
@@ -162,7 +160,6 @@ impl Prepared {
         Ok(Self {
             camera: scene.camera.clone(),
             max_events: scene.max_events,
-            lit: emitters.iter().filter(|e| !e.is_dark()).count(),
             images: connecting.map_or([vec![], vec![]], |(plate, _)| {
                 plate.faces().map(|face| emitters.iter().map(|e| e.mirrored(face)).collect())
             }),
