@@ -76,12 +76,67 @@ impl Profile {
     }
 }
 
-/// Angles over which a tube's mean is taken.
+/// How far a tube's near side is before its axis, in the mean of the light that comes from over its width. (A round side is pi/4 of the
+/// radius before; one that is brighter in its middle is more.)
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bulge {
+    /// From far off, of the radius.
+    far: f32,
+    /// How fast that grows with the radius over the distance: from nearby more of what is aside is seen beyond the middle.
+    grows: f32,
+}
+
+impl Bulge {
+    /// Of a tube whose profile has this exponent.
+    pub fn new(power: f32) -> Self {
+        let step = PI / MEAN_OF as f32;
+        let [mut all, mut far, mut grows] = [0.0; 3];
+        for k in 0..MEAN_OF {
+            // As for the mean of the profile.
+            let cosine = ((k as f32 + 0.5) * step).sin();
+            let light = cosine.powf(power + 1.0);
+            all += light;
+            far += light * cosine;
+            grows += light * (1.0 - cosine * cosine);
+        }
+        Self { far: far / all, grows: grows / all }
+    }
+
+    /// The same, of the radius, from where that is this part of the distance from the axis: all of it where the tube is touched.
+    #[inline]
+    pub fn seen(self, radius_over_distance: f32) -> f32 {
+        let Self { far, grows } = self;
+        let left = 1.0 - far;
+        far + radius_over_distance * (left + (grows - left) * (1.0 - radius_over_distance))
+    }
+}
+
+/// Angles over which a tube's means are taken.
 const MEAN_OF: usize = 64;
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_tube_bulges_towards_whoever_looks() {
+        for power in [0.0, 1.0, 4.0] {
+            let bulge = Bulge::new(power);
+            for part in [0.0, 0.1, 0.2, 0.5, 1.0f32] {
+                // Past the axis at b radii light leaves under the sine b to the normal, which is turned by the sine of b times the
+                // radius over the distance against the direction to the axis.
+                let (mut sum, mut all) = (0.0, 0.0);
+                for k in 0..2000 {
+                    let b = (k as f32 + 0.5) / 1000.0 - 1.0;
+                    let light = (1.0 - b * b).sqrt().powf(power);
+                    all += light;
+                    sum += light * (b.asin() - (b * part).asin()).cos();
+                }
+                let (found, truth) = (bulge.seen(part), sum / all);
+                assert!((found - truth).abs() < 0.015, "{power} {part}: {found} {truth}");
+            }
+        }
+    }
 
     #[test]
     fn across_a_tube_the_profile_has_its_mean() {

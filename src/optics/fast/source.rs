@@ -5,11 +5,10 @@
 //! lines of a rectangle are fixed; those of a tube turn with the receiver, and through a plate lines appear elsewhere.
 
 use super::plate::Slab;
-use super::profile::Profile;
+use super::profile::{Bulge, Profile};
 use super::tables::arriving;
 use crate::optics::{Light, LightShape, emitter::Emitter};
 use glam::Vec3;
-use std::f32::consts::FRAC_PI_4;
 
 /// Lines of a ribbon, one more than a power of two (found by experiment: with 9 the shadow at the foot of a step shows
 /// them). Where fewer will do, every other, every fourth or every eighth is taken.
@@ -47,8 +46,8 @@ enum Outline {
     Rectangle([Vec3; 4]),
     /// Centre, half of the level diameter, half of the upright one.
     Disc(Vec3, Vec3, Vec3),
-    /// Ends of the axis, and the radius.
-    Tube(Vec3, Vec3, f32),
+    /// Ends of the axis, the radius, and how far its near side is before its axis.
+    Tube(Vec3, Vec3, f32, Bulge),
 }
 
 /// A light as walls and camera see it.
@@ -88,7 +87,7 @@ impl Lamp {
     pub fn middle_from(&self, receiver: Vec3) -> Vec3 {
         match self.source.outline {
             // Its nearest point: towards any other a tube hides itself.
-            Outline::Tube(from, to, radius) => {
+            Outline::Tube(from, to, radius, _) => {
                 let axis = to - from;
                 let s = (receiver - from).dot(axis) / axis.length_squared().max(1e-20);
                 let nearest = from + axis * s.clamp(0.0, 1.0);
@@ -124,12 +123,14 @@ impl Source {
                 let across = if across.length() > 1e-4 { across.normalize() } else { Vec3::X };
                 (Outline::Disc(*center, across * *radius, normal.cross(across) * *radius), *normal)
             }
-            LightShape::Tube { from, to, radius } => (Outline::Tube(*from, *to, *radius), Vec3::ZERO),
+            LightShape::Tube { from, to, radius } => {
+                (Outline::Tube(*from, *to, *radius, Bulge::new(light.cosine_power)), Vec3::ZERO)
+            }
             LightShape::Mesh(_) => return None,
         };
         let power = light.cosine_power;
         let profile = match outline {
-            Outline::Tube(from, to, _) => Some(Profile::around((to - from).normalize_or_zero(), power)),
+            Outline::Tube(from, to, ..) => Some(Profile::around((to - from).normalize_or_zero(), power)),
             _ => (normal != Vec3::ZERO).then(|| Profile::flat(normal, power)),
         };
         Some(Self { outline, normal, profile: profile.filter(|_| power > 0.0) })
@@ -176,7 +177,7 @@ impl Source {
             Outline::Disc(center, across, up) => {
                 [-across - up, across - up, across + up, up - across].map(|to| center + to)
             }
-            Outline::Tube(from, to, _) => [from, to, to, from],
+            Outline::Tube(from, to, ..) => [from, to, to, from],
         }
     }
 
@@ -184,7 +185,7 @@ impl Source {
     pub fn length_mm(&self) -> Option<f32> {
         match self.outline {
             Outline::Rectangle([a, b, ..]) => Some(a.distance(b)),
-            Outline::Tube(from, to, _) => Some(from.distance(to)),
+            Outline::Tube(from, to, ..) => Some(from.distance(to)),
             Outline::Disc(..) => None,
         }
     }
@@ -212,7 +213,7 @@ impl Source {
                 let (x, z) = (phi.cos() * fill, phi.sin() * fill);
                 [center + across * x - up * z, center + across * x + up * z]
             }
-            Outline::Tube(from, to, radius) => {
+            Outline::Tube(from, to, radius, bulge) => {
                 let axis = (to - from).normalize_or(Vec3::X);
                 let middle = from.lerp(to, 0.5);
                 // The tangent planes through the receiver touch it here; nearer than the axis by r^2/d.
@@ -224,9 +225,8 @@ impl Source {
                 let sine = radius / distance;
                 let half = radius * (1.0 - sine * sine).sqrt();
                 let back = -ahead * (radius * sine);
-                // The near side of its ends shows beyond them on the plane of the ribbon: in the mean over its width where it
-                // is pi/4 of the radius nearer than the axis.
-                let beyond = (distance - radius * sine) / (distance - FRAC_PI_4 * radius) - 1.0;
+                // The near side of its ends shows beyond them on the plane of the ribbon.
+                let beyond = (distance - radius * sine) / (distance - radius * bulge.seen(sine)) - 1.0;
                 let [from, to] = [from, to].map(|end| end + axis * ((end - p).dot(axis) * beyond));
                 if axis.z.abs() < 0.7 {
                     let [a, b] = if side.z >= 0.0 { [from, to] } else { [to, from] };

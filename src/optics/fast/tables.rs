@@ -212,22 +212,30 @@ mod tests {
 
     #[test]
     fn a_tube_with_a_profile_gives_as_much_light_as_places_all_over_it() {
-        for (to, radius) in [(Vec3::new(-9.0, 6.0, 5.0), 0.2), (Vec3::new(-9.0, -3.0, 9.0), 0.5)] {
-            for power in [0.5, 1.0, 4.0] {
-                let light = white(LightShape::Tube { from: Vec3::new(-9.0, -4.0, 5.0), to, radius }, power);
+        let from = Vec3::new(-9.0, -4.0, 5.0);
+        // (The last is as short as it is thick, so that most of it is its ends. It is looked at from 1 mm off its axis, too.)
+        let far = [Vec3::ZERO, Vec3::new(-6.0, 6.0, 0.4), Vec3::new(7.0, -5.0, 0.0)];
+        let near = [far[0], far[1], far[2], Vec3::new(-8.2, -3.8, 4.4), Vec3::new(-8.4, -3.2, 4.2)];
+        for (to, radius, from_where) in [
+            (Vec3::new(-9.0, 6.0, 5.0), 0.2, &far[..]),
+            (Vec3::new(-9.0, -3.0, 9.0), 0.5, &far[..]),
+            (from + Vec3::Y * 0.4, 0.2, &near[..]),
+        ] {
+            for power in [0.0, 0.5, 1.0, 4.0] {
+                let light = white(LightShape::Tube { from, to, radius }, power);
                 let lamp = Lamp::new(&light).unwrap();
                 let places = 1 << 14;
                 let sampler = Sampler::new(1, 2, 3, places);
-                for p in [Vec3::ZERO, Vec3::new(-6.0, 6.0, 0.4), Vec3::new(7.0, -5.0, 0.0)] {
+                for p in from_where {
                     let of_place = |i| {
                         let [a, b, ..] = sampler.group(i, 0);
                         let (place, normal, area) = lamp.place([a, b]);
-                        let to = place - p;
+                        let to = place - *p;
                         let cos = -to.dot(normal) / to.length();
                         lamp.radiance(cos) * cos.max(0.0) * to.z / to.length().powi(3) * area
                     };
                     let truth = (0..places).map(of_place).sum::<f32>() / places as f32;
-                    let found = arriving(&lamp.source, None, p).z;
+                    let found = arriving(&lamp.source, None, *p).z;
                     assert!((found / truth - 1.0).abs() < 0.015, "{power} {radius} {p}: {found} {truth}");
                 }
             }
