@@ -52,19 +52,23 @@ pub fn scene(
     // (The fast mode prepares a plate for half a minute.)
     let plate = sensor.plate.as_ref().filter(|plate| plate.shows());
     if let Some(p) = plate {
-        // It protrudes through the walls, so that no light slips past its rim.
-        let half = match &sensor.housing {
-            Some(h) => [h.x_mm, h.y_mm].map(|e| e[0].abs().max(e[1].abs()) as f32 + 0.1),
-            None => sensor.view_mm().map(|e| e as f32),
+        // It protrudes through the walls, so that no light slips past its rim; without any it is twice as wide as the view.
+        let [x, y] = match &sensor.housing {
+            Some(h) => [h.x_mm, h.y_mm].map(|e| {
+                let half = e[0].abs().max(e[1].abs()) as f32 + 0.1;
+                [-half, half]
+            }),
+            None => {
+                let [cx, cy] = sensor.camera.center_mm.map(|c| c as f32);
+                let [w, h] = sensor.view_mm().map(|v| v as f32);
+                [[cx - w, cx + w], [-cy - h, -cy + h]]
+            }
         };
         let (low, high) = (p.gap_mm as f32, (p.gap_mm + p.thickness_mm) as f32);
         surfaces.push(Surface {
             name: "plate".to_owned(),
             role: Role::Plate,
-            mesh: Arc::new(Mesh::cuboid(
-                Vec3::new(-half[0], -half[1], low),
-                Vec3::new(half[0], half[1], high),
-            )),
+            mesh: Arc::new(Mesh::cuboid(Vec3::new(x[0], y[0], low), Vec3::new(x[1], y[1], high))),
             material: match p.roughness {
                 0.0 => Material::Dielectric { ior: p.ior as f32 },
                 roughness => Material::RoughDielectric { ior: p.ior as f32, alpha: alpha_of(roughness) },

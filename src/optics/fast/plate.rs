@@ -8,7 +8,7 @@
 mod way;
 
 use crate::optics::bsdf::fresnel;
-use crate::optics::{Error, Material, Mesh, Role, Scene};
+use crate::optics::{Camera, Error, Material, Mesh, Role, Scene};
 use glam::{Vec2, Vec3};
 
 /// Orders of inner reflection that are followed.
@@ -94,12 +94,27 @@ impl Slab {
             points.iter().fold([inf, -inf], |[low, high], p| [low.min(*p), high.max(*p)])
         };
         let [from, to] = bounds(&across(&plate.mesh));
+        let mut walls = [from, to];
         if let Some(within) = scene.surface(Role::Housing).or(scene.surface(Role::Pad)) {
             let [low, high] = bounds(&across(&within.mesh));
             if from.cmpgt(low + SLIT_MM).any() || to.cmplt(high - SLIT_MM).any() {
                 let value = format!("x {} to {} mm, y {} to {} mm", from.x, to.x, from.y, to.y);
                 return refused(&value, "plates as wide as the walls that they stand between only");
             }
+            if within.role == Role::Housing {
+                walls = [low, high];
+            }
+        }
+        let slab = Self { low, high, ior };
+        // What stands above the plate's lower face is looked for nowhere.
+        let [seen_from, seen_to] = bounds(&slab.seen_border(camera));
+        if seen_from.cmplt(walls[0] - SLIT_MM).any() || seen_to.cmpgt(walls[1] + SLIT_MM).any() {
+            let value = format!(
+                "a view of x {:.2} to {:.2} mm, y {:.2} to {:.2} mm at z = {low} mm",
+                seen_from.x, seen_to.x, seen_from.y, seen_to.y
+            );
+            let wanted = "views that reach no wall above the lower face of a plate, and none beside it, only";
+            return Err(super::unsupported("camera", &value, wanted));
         }
         if scene.max_events < LEAST_EVENTS {
             let value = scene.max_events.to_string();
@@ -113,7 +128,18 @@ impl Slab {
                 return refused(&value, "plates that no light reaches into only");
             }
         }
-        Ok(Some(Self { low, high, ior }))
+        Ok(Some(slab))
+    }
+
+    /// Where the rays along the border of a camera's picture leave the lower face.
+    fn seen_border(&self, camera: &Camera) -> Vec<Vec2> {
+        let [width, height] = [camera.width, camera.height].map(|n| n as f32);
+        let at = |x: f32, y: f32| {
+            let (origin, direction) = camera.ray(x, y, Vec2::ZERO);
+            self.below(origin, direction)[0].truncate()
+        };
+        let rows = (0..=camera.height).flat_map(|y| [at(0.0, y as f32), at(width, y as f32)]);
+        rows.chain((0..=camera.width).flat_map(|x| [at(x as f32, 0.0), at(x as f32, height)])).collect()
     }
 
     fn glass(&self) -> f32 {

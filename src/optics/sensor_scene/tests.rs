@@ -3,7 +3,7 @@ use crate::optics::fast::TOLERANCES;
 use crate::optics::imager::{Imager, Method, Notice};
 use crate::optics::reference::{Renderer, Settings, Sight};
 use crate::optics::render_file::{Mode, Request, render_sensor};
-use crate::optics::sensor::{BaffleShapeSpec, BaffleSpec, LensSpec};
+use crate::optics::sensor::{BaffleShapeSpec, BaffleSpec, LensSpec, PlateSpec};
 use crate::optics::{Film, bench_scene::Variant};
 
 /// A box of 16 mm with a light on the left wall near the face and one high on the right.
@@ -341,4 +341,19 @@ fn flakes_cover_what_is_said_or_what_the_roughness_leaves() {
     let film = coated("flakes = 1.0\n[markers]\npitch_mm = 1.5\ndiameter_mm = 0.5\n");
     assert!(problems_of(&film).concat().contains("below 1 with markers"), "{:?}", problems_of(&film));
     assert!(problems_of(&coated("flakes = 1.2")).concat().contains("coating.flakes = 1.2"));
+}
+
+#[test]
+fn a_plate_without_walls_lies_where_the_camera_looks() {
+    let mut sensor = sensor("");
+    sensor.housing = None;
+    sensor.plate = Some(PlateSpec { gap_mm: 3.2, thickness_mm: 2.0, ior: 1.49, roughness: 0.0 });
+    sensor.camera.center_mm = [40.0, -30.0];
+    let scene = scene(&sensor, &flat(), None).unwrap();
+    let plate = &scene.surface(Role::Plate).unwrap().mesh.positions;
+    // The view is 12 x 9 mm about (40, 30) of the scene frame.
+    for corner in [Vec2::new(34.0, 25.5), Vec2::new(46.0, 34.5)] {
+        assert!(plate.iter().any(|p| p.truncate().cmplt(corner).all()), "{corner}");
+        assert!(plate.iter().any(|p| p.truncate().cmpgt(corner).all()), "{corner}");
+    }
 }

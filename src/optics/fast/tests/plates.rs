@@ -45,3 +45,24 @@ fn faces_of_a_plate_are_events_in_both_modes() {
     // (What comes after the seventh event matters.)
     assert!(means[1] > 1.2 * means[0], "{means:?}");
 }
+
+/// A wide or barrel-shaped view may meet walls above a plate, where nothing is looked for.
+#[test]
+fn a_view_of_walls_above_a_plate_is_left_to_the_reference() {
+    let with_view = |tan_half_x: f32| {
+        let mut scene = with_plate(0.0, 0.5);
+        scene.camera.tan_half_x = tan_half_x;
+        scene
+    };
+    // 15.5 mm below the camera, by way of the plate, rays of the picture's corners are 9.7 and 10.8 mm aside.
+    assert!(Precomputed::new(&with_view(0.58)).is_ok());
+    let wide = with_view(0.65);
+    let told = Precomputed::new(&wide).expect_err("walls that are not seen").to_string();
+    assert!(told.contains("camera = a view of x -10.8") && told.contains("reference"), "{told}");
+    // So it is where a lens bends the picture's corners outwards, and without a plate it is nobody's business.
+    let mut bent = with_view(0.5);
+    bent.camera.distortion = Some(crate::optics::camera::Distortion { k1: -0.35, k2: 0.0 });
+    assert!(Precomputed::new(&bent).is_err());
+    bent.surfaces.retain(|surface| surface.role != Role::Plate);
+    assert!(Precomputed::new(&bent).is_ok());
+}
