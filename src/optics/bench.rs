@@ -317,16 +317,7 @@ fn effects(settings: &Settings, clock: &Clock) -> Result<Vec<Effect>, Error> {
         || fast_frame(&once, &ball.scene),
         apart,
     )?);
-    let black = pressed(Variant::Ac, Press::Sphere)?.changed(|s| {
-        s.surfaces[0].material = Material::Lambert { albedo: Albedo::Constant(Vec3::ZERO) };
-    });
-    let once_black = fast::Precomputed::new(&black.untouched)?;
-    effects.push(clock.compare(
-        "bounce and shadow tests on a pad that reflects nothing",
-        || fast_frame(&once_black, &black.scene),
-        || thorough(&once_black, &black.scene),
-        apart,
-    )?);
+    effects.extend(bounces(&ball, tolerance, clock)?);
     let empty_plate = pressed(Variant::Ac, Press::Sphere)?.changed(add_plate_of_air);
     let once_plate = fast::Precomputed::new(&empty_plate.untouched)?;
     effects.push(clock.compare(
@@ -373,6 +364,24 @@ fn effects(settings: &Settings, clock: &Clock) -> Result<Vec<Effect>, Error> {
         apart,
     )?);
     Ok(effects)
+}
+
+/// What it costs to look for what bounces where nothing does.
+fn bounces(ball: &Trial, tolerance: f64, clock: &Clock) -> Result<[Effect; 2], Error> {
+    let black = ball.clone().changed(|s| {
+        s.surfaces[0].material = Material::Lambert { albedo: Albedo::Constant(Vec3::ZERO) };
+    });
+    let single = ball.clone().changed(|s| s.max_events = 1);
+    let effect = |what: &str, trial: &Trial| {
+        let once = fast::Precomputed::new(&trial.untouched)?;
+        let renderer = || fast::Renderer::new(&once, &trial.scene, tolerance);
+        clock.compare(what, || Ok(renderer()?.render()), || Ok(renderer()?.bouncing().render()), |_, _| None)
+    };
+    // (What bounces is a second event: where that is one too many, the picture with it is another.)
+    Ok([
+        effect("the bounce on a pad that reflects nothing", &black)?,
+        effect("the bounce where light is scattered once", &single)?,
+    ])
 }
 
 /// A plate that bends nothing: the plate's code runs, the picture stays.

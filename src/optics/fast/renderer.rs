@@ -91,10 +91,15 @@ impl<'a> Renderer<'a> {
         Ok(Self { once, mesh: pad.mesh.clone(), lattice, albedo: albedo.clone(), heights, effort, tolerance })
     }
 
-    /// Does what this scene does not need as well: shadow tests where no light can be hidden, the bounce where nothing
-    /// reflects. For measuring what leaving it out saves.
+    /// Tests for shadows where no light can be hidden, too. For measuring what leaving that out saves.
     pub fn thorough(mut self) -> Self {
-        (self.effort.thorough, self.effort.bounce) = (true, true);
+        self.effort.thorough = true;
+        self
+    }
+
+    /// Looks for what bounces where nothing does, too. For measuring what leaving that out saves.
+    pub fn bouncing(mut self) -> Self {
+        self.effort.bounce = true;
         self
     }
 

@@ -268,9 +268,13 @@ fn what_is_skipped_changes_nothing_and_other_colours_need_nothing_anew() {
     single.max_events = 1;
     let once = Precomputed::new(&single).unwrap();
     single.surfaces = scene.surfaces.clone();
-    let film = Renderer::new(&once, &single, 0.005).unwrap().render();
+    let renderer = || Renderer::new(&once, &single, 0.005).unwrap();
+    let film = renderer().render();
     let (error, _) = against_reference(&single, &film);
     assert!(error < 0.006, "{error}");
+    // (It would be looked for, and be wrong.)
+    let bounced = renderer().bouncing().render().relative_rmse(&film);
+    assert!(bounced > 0.001, "{bounced}");
 }
 
 #[test]
