@@ -84,8 +84,8 @@ use radiosity::Radiosity;
 pub use renderer::Renderer;
 use source::{Lamp, Source};
 use suited::{
-    coarse, fine_camera, lattice_of, lights_off_face, lit_from_within, nothing_within, pad_of, sources_of,
-    unsupported, without_pad_mesh,
+    coarse, fine_camera, lattice_of, lights_clear_of_face, lights_off_face, lit_from_within, nothing_within,
+    pad_of, sources_of, unsupported, without_pad_mesh,
 };
 use view::View;
 use world::World;
@@ -104,6 +104,9 @@ const UNDER_PLATE_MM: f32 = 0.01;
 const RIM_MM: f32 = 0.05;
 /// relRMSE that may be asked for: finer work than the first gives nothing, beyond the second a picture is none.
 pub const TOLERANCES: [f64; 2] = [1e-4, 0.5];
+/// Between these a tolerance picks the work. Finer work than the first takes brings a picture hardly nearer to the truth, since what the
+/// method leaves out stays; and what is coarser than the second takes is less than any picture is worth.
+pub const WORKED: [f64; 2] = [0.002, 0.01];
 /// Smallest and largest extent of a pad, mm.
 const PAD_MM: [f32; 2] = [4.0, 200.0];
 /// Points this far below the untouched face are under it, mm.
@@ -206,6 +209,7 @@ impl Precomputed {
             return Err(unsupported("pad", &value, "pads of 4 to 200 mm, for which its steps are chosen"));
         }
         lit_from_within(untouched, [low, high], rest)?;
+        lights_clear_of_face(&untouched.lights, [low, high], rest)?;
         eclipse::none(&untouched.lights, &sources, [low, high], rest)?;
         // (Beside a level face walls are parted, and light finds its own way.)
         let level = parted::level_of(untouched);

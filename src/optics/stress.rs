@@ -7,6 +7,7 @@
 //! are drawn at random (`random`), in which nobody's idea of what is hard is left.
 
 mod cases;
+mod grazing;
 mod lamps;
 mod random;
 

@@ -1,5 +1,6 @@
 //! Odd pads, scales and scenes.
 
+use super::grazing;
 use super::lamps::{self, at_height};
 use super::{Case, Due, Make, Settings};
 use crate::optics::bench_scene::Variant;
@@ -74,6 +75,7 @@ pub(super) fn cases() -> Vec<Case> {
     extremes(&mut cases);
     lamps::by_plate(&mut cases);
     lamps::profiled(&mut cases);
+    grazing::cases(&mut cases);
     cases
 }
 
