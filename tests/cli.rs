@@ -559,6 +559,29 @@ fn no_message_has_a_number_of_three_hundred_digits() {
 }
 
 #[test]
+fn a_tolerance_that_picks_no_work_is_told() {
+    const SCENE: &str = "tests/data/optics/tactile-bench-1.json";
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("a.npy").to_str().expect("a path").to_owned();
+    let told = |tolerance: &str| {
+        let small = ["--mode", "fast", "--size", "16x12", "--out", &out, "--tolerance", tolerance];
+        let output = run(&[&["render", SCENE][..], &small].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        text(&output.stderr).to_owned()
+    };
+    let coarse = told("0.05");
+    assert!(coarse.contains("from 0.002 to 0.01; 0.05 saves no work over 0.01"), "{coarse}");
+    assert!(told("0.001").contains("from 0.002 to 0.01; 0.001 takes longer"));
+    assert!(!told("0.01").contains("from 0.002 to 0.01"));
+    for command in ["render", "bench optics", "stress optics"] {
+        let args: Vec<&str> = command.split(' ').chain(["--help"]).collect();
+        let help = run(&args);
+        let help = text(&help.stdout).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(help.contains("from 0.002 to 0.01"), "{command}: {help}");
+    }
+}
+
+#[test]
 fn what_optics_cannot_do_is_refused_before_the_work() {
     const SCENE: &str = "tests/data/optics/tactile-bench-1.json";
     let folder = tempfile::tempdir().expect("a folder");

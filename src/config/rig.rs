@@ -58,7 +58,7 @@ pub struct OpticsTable {
     pub mode: OpticsMode,
     /// Samples a pixel (reference mode; where the fast mode falls back to it, 64 or more).
     pub samples: u32,
-    /// Relative error asked for (fast mode).
+    /// Relative error asked for (fast mode); from 0.002 to 0.01 it picks the work.
     pub tolerance: f64,
     /// Seed of the random numbers.
     pub seed: u32,

@@ -143,6 +143,9 @@ impl Imager {
         let rest = imager.scene(&untouched.at_rest())?;
         let (engine, fell_back) = Engine::prepare(method, sensor, &rest, store)?;
         imager.engine = engine;
+        if let Method::Fast { tolerance, .. } = imager.method() {
+            imager.notices.extend(Notice::of_tolerance(tolerance));
+        }
         if rest.lights.iter().all(|light| light.radiance == Vec3::ZERO) {
             imager.notices.push(Notice::Dark);
         }

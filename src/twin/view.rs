@@ -89,6 +89,7 @@ impl Wear {
             // (What holds for all pictures is told once, of none of them.)
             Notice::Dark
             | Notice::BackgroundClipped { .. }
+            | Notice::BeyondWork { .. }
             | Notice::FellBack { .. }
             | Notice::PictureFellBack { .. } => {
                 (&self.told.fell_back, "Others may be, too: optics_mode and spp are kept of each")

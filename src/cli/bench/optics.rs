@@ -13,6 +13,7 @@ use crate::config::sensor_file;
 use crate::optics::bench::cases::{self, Case};
 use crate::optics::bench::{Effect, Point, Report, Settings, StillLight, run};
 use crate::optics::bench_scene::Variant;
+use crate::optics::imager::Notice;
 use crate::trial;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -35,7 +36,7 @@ pub struct Args {
     /// Measure the fast mode's error in hard cases instead: all, or those whose name contains this
     #[arg(long, value_name = "WHICH", num_args = 0..=1, default_missing_value = "")]
     pub cases: Option<String>,
-    /// Tolerance of the hard cases
+    /// Tolerance of the hard cases; from 0.002 to 0.01 it picks the work
     #[arg(long, default_value_t = 0.005, value_parser = options::tolerance, requires = "cases")]
     pub tolerance: f64,
     /// Write NAME.csv, NAME.svg and NAME.json
@@ -50,6 +51,7 @@ impl Args {
     /// Runs the benchmark.
     pub fn run(self) -> Exit {
         if let Some(which) = &self.cases {
+            Notice::of_tolerance(self.tolerance).into_iter().for_each(screen::warning);
             let names = cases::names();
             if !names.iter().any(|name| name.contains(which)) {
                 screen::error(format_args!(

@@ -8,6 +8,7 @@
 
 use crate::cli::exit::Exit;
 use crate::cli::{options, screen};
+use crate::optics::imager::Notice;
 use crate::optics::stress::{Outcome, Settings, Verdict, run};
 
 /// Try odd pads, lights, scales and scenes on the fast optics
@@ -28,7 +29,7 @@ pub struct Args {
     /// Which scenes: those of a seed are always the same
     #[arg(long, default_value_t = 1, requires = "random")]
     pub seed: u64,
-    /// Error asked for
+    /// Error asked for; from 0.002 to 0.01 it picks the work
     #[arg(long, default_value_t = 0.005, value_parser = options::tolerance)]
     pub tolerance: f64,
     /// Print one JSON document
@@ -39,6 +40,7 @@ pub struct Args {
 impl Args {
     /// Runs the sweep.
     pub fn run(self) -> Exit {
+        Notice::of_tolerance(self.tolerance).into_iter().for_each(screen::warning);
         let (size, judge_samples, every) = if self.quick { ([64, 48], 32, 4) } else { ([96, 72], 64, 1) };
         let drawn = self.random.map(|count| (self.seed, count));
         let settings =

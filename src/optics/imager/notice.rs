@@ -1,6 +1,7 @@
 //! What whoever uses an imager's pictures is told.
 
 use super::Background;
+use crate::optics::fast::WORKED;
 
 /// What whoever uses the pictures should know.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,6 +33,11 @@ pub enum Notice {
         /// Whether they are white, else black.
         white: bool,
     },
+    /// The fast mode has no work to pick for what is asked.
+    BeyondWork {
+        /// relRMSE asked for.
+        tolerance: f64,
+    },
     /// A picture may be worse than was asked for.
     AboveTolerance {
         /// relRMSE to expect.
@@ -62,6 +68,22 @@ impl std::fmt::Display for Notice {
                 if *white { "white" } else { "black" },
                 if *white { "shorter" } else { "longer" }
             ),
+            Notice::BeyondWork { tolerance } => {
+                let [finest, coarsest] = WORKED;
+                let (done, next) = match *tolerance < finest {
+                    true => (
+                        format!(
+                            "takes longer than {finest} does and brings a picture hardly nearer to the truth"
+                        ),
+                        "the reference mode does",
+                    ),
+                    false => (format!("saves no work over {coarsest}"), "smaller pictures do"),
+                };
+                write!(
+                    f,
+                    "a tolerance picks the fast mode's work from {finest} to {coarsest}; {tolerance} {done}: {next}"
+                )
+            }
             Notice::AboveTolerance { estimated, tolerance } => write!(
                 f,
                 "the picture's relRMSE is estimated at {:.2} %, above the {:.2} % asked for; \
@@ -70,6 +92,14 @@ impl std::fmt::Display for Notice {
                 100.0 * tolerance
             ),
         }
+    }
+}
+
+impl Notice {
+    /// What to say of a tolerance of the fast mode, if anything.
+    pub fn of_tolerance(tolerance: f64) -> Option<Self> {
+        let [finest, coarsest] = WORKED;
+        (!(finest..=coarsest).contains(&tolerance)).then_some(Notice::BeyondWork { tolerance })
     }
 }
 

@@ -163,6 +163,26 @@ fn an_untouched_image_that_is_white_or_black_is_told() {
 }
 
 #[test]
+fn a_tolerance_that_picks_no_work_is_told_where_the_fast_mode_renders() {
+    let said = |tolerance| Notice::of_tolerance(tolerance).map(|notice| notice.to_string());
+    assert_eq!([0.002, 0.005, 0.01].map(said), [const { None }; 3]);
+    assert!(said(0.0019).is_some_and(|s| s.contains("0.0019 takes longer") && s.contains("reference mode")));
+    assert!(said(0.02).is_some_and(|s| s.contains("0.02 saves no work over 0.01")));
+    let rest = DisplacedSurface::flat(33, 33, [16.0, 16.0]);
+    let mut sensor = small_sensor(TextureMode::None);
+    let Method::Fast { fallback, .. } = FAST else { panic!("{FAST:?}") };
+    let notices = |sensor: &SensorOptics| {
+        Imager::new(sensor, Method::Fast { tolerance: 0.1, fallback }, None, &rest)
+            .unwrap()
+            .notices()
+            .to_vec()
+    };
+    assert_eq!(notices(&sensor), [Notice::BeyondWork { tolerance: 0.1 }]);
+    sensor.coating.roughness = 0.5;
+    assert!(matches!(notices(&sensor)[..], [Notice::FellBack { .. }]));
+}
+
+#[test]
 fn a_glossy_sensor_falls_back_and_says_so_and_a_diffuse_one_does_not() {
     let rest = DisplacedSurface::flat(33, 33, [16.0, 16.0]);
     let mut sensor = small_sensor(TextureMode::None);
