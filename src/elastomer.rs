@@ -6,7 +6,8 @@
 //!
 //! Two solvers stand behind one contract ([`Elastomer`]): the paper's explicit material point
 //! method with or without its relative-rest loop ([`Mode::Mpm`], [`Mode::Impm`]), and a quasi-static
-//! solver whose waypoints are equilibria ([`Mode::QuasiStatic`]). Lengths are mm, forces N, stress MPa;
+//! solver whose waypoints are equilibria ([`Mode::QuasiStatic`]). What neither does where a scene does not need it can be asked
+//! for by name ([`skips`]). Lengths are mm, forces N, stress MPa;
 //! the frame is the pad frame of [`crate::pose`]. This module never knows optics, files or the rig.
 
 pub mod capture;
@@ -16,6 +17,7 @@ pub mod mpm;
 pub mod pad;
 pub mod quasi_static;
 pub mod settings;
+pub mod skips;
 
 pub use capture::{ContactForces, ElastomerCapture, RimPoint, SolverStats, Surface};
 pub use material::{Law, Material};
@@ -23,6 +25,7 @@ pub use mpm::ExplicitSolver;
 pub use pad::{Coating, Pad, PadShape};
 pub use quasi_static::QuasiStaticSolver;
 pub use settings::{Friction, Mode, Settings};
+pub use skips::Skip;
 
 use crate::indenter::Indenter;
 use crate::pose::Pose;

@@ -50,7 +50,7 @@ use self::scheme::Scheme;
 use self::stress::Stored;
 use super::interrupt::Interrupt;
 use super::{
-    ContactForces, Elastomer, ElastomerCapture, Error, Mode, Pad, Settings, SolverStats, Surface,
+    ContactForces, Elastomer, ElastomerCapture, Error, Mode, Pad, Settings, Skip, SolverStats, Surface,
     pose_can_be_reached,
 };
 use crate::indenter::Indenter;
@@ -134,7 +134,7 @@ pub struct ExplicitSolver {
     cloud: Arc<Cloud>,
     body: Body,
     pose: Pose,
-    /// Whether the indenter has ever come near the pad; before that nothing is computed.
+    /// Whether the indenter has ever come near the pad (before that nothing is computed), or that is not asked.
     touched: bool,
     step: u64,
     forces: VecDeque<StepForces>,
@@ -183,7 +183,8 @@ impl ExplicitSolver {
         if start.z_mm < 0.0 {
             pose.z_mm = clear;
         }
-        let body = Body::new(scheme, settings.base, isa);
+        let mut body = Body::new(scheme, settings.base, isa);
+        body.rest_is_computed = !settings.skips(Skip::Rest);
         let mut solver = Self {
             interrupt: Interrupt::default(),
             settings: settings.clone(),
@@ -191,7 +192,7 @@ impl ExplicitSolver {
             cloud: Arc::new(cloud),
             body,
             pose,
-            touched: false,
+            touched: !settings.skips(Skip::FirstTouch),
             step: 0,
             forces: VecDeque::new(),
             tally: Tally::default(),
@@ -204,11 +205,6 @@ impl ExplicitSolver {
     /// The pad, for measurements.
     pub fn body(&self) -> &Body {
         &self.body
-    }
-
-    /// Whether to compute what is at rest all the same, for measurements: nothing but time comes of it.
-    pub fn compute_rest(&mut self, all_the_same: bool) {
-        self.body.rest_is_computed = all_the_same;
     }
 
     /// Where the indenter is.

@@ -56,14 +56,14 @@ mod underside;
 pub mod waves;
 
 use super::interrupt::Interrupt;
-use super::{Elastomer, ElastomerCapture, Error, Pad, PadShape, Settings};
+use super::{Elastomer, ElastomerCapture, Error, Pad, PadShape, Settings, Skip};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use crate::wakeful::wakeful;
 use body::Body;
 pub(super) use body::check;
 use cascade::{FINEST, Patience, REFINED, Step, follow, rest_at};
-use level::Level;
+use level::{Level, corners};
 use refinement::OF_USE;
 use relief::Splined;
 pub use resolution::Resolution;
@@ -100,6 +100,8 @@ pub struct QuasiStaticSolver {
     /// From which depth to which its force in relief comes to say nothing, mm.
     force_fades_mm: [f64; 2],
     interrupt: Interrupt,
+    /// What is not skipped.
+    without: Vec<Skip>,
     /// Newton iterations and tangent applications of levels that are no more.
     spent: [u64; 2],
 }
@@ -120,12 +122,13 @@ impl QuasiStaticSolver {
         let size = [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm];
         let underside = Underside::of(indenter.as_ref(), size);
         let resolution = Resolution::for_tolerance(settings.tolerance);
-        let resolution = resolution.for_underside(&underside, indenter.as_ref(), size);
+        let resolution =
+            resolution.for_underside(&underside, indenter.as_ref(), size).with_skips_of(settings, size);
         let wanted = refinement::wanted(settings.tolerance);
         wakeful(|| Self::build(pad, settings, (resolution, Some(wanted)), indenter, &underside, start))
     }
 
-    /// As [`Self::new`], with the resolution given instead of derived from the tolerance, and kept whatever comes.
+    /// As [`Self::new`], with the resolution given instead of derived from the tolerance, and kept whatever comes and is not skipped.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -167,6 +170,7 @@ impl QuasiStaticSolver {
             pad,
             indenter,
             interrupt: Interrupt::default(),
+            without: settings.without.clone(),
             spent: [0; 2],
         };
         if !solver.finest().is_clear(solver.indenter.as_ref(), start) {
@@ -191,16 +195,25 @@ impl QuasiStaticSolver {
         let part = self.finest().idle_part(indenter.as_ref(), pose);
         if part > 0.0 {
             let touch = self.finest().pose().lerp(pose, part);
+            if !self.skips(Skip::FirstTouch) {
+                follow(&mut self.levels, indenter.as_ref(), &touch, patience)?;
+            }
             rest_at(&mut self.levels, &touch);
         }
         follow(&mut self.levels, indenter.as_ref(), pose, patience)
     }
 
-    /// Follows a straight way to `pose`, again with finer cells where that is worth while.
+    /// Follows a straight way to `pose`, unless the indenter is there.
     fn go_to(&mut self, pose: &Pose) -> Result<(), Error> {
-        if self.path.last() == Some(pose) && self.finest().pose() == pose {
-            return Ok(());
+        match &self.path[..] {
+            [.., last] if last == pose && self.finest().pose() == pose => Ok(()),
+            [_, _, ..] if !self.skips(Skip::WarmStart) => self.go_from_rest(pose),
+            _ => self.go_on(pose),
         }
+    }
+
+    /// Follows a straight way on to `pose`, again with finer cells where that is worth while.
+    fn go_on(&mut self, pose: &Pose) -> Result<(), Error> {
         self.pad.reaches(self.indenter.as_ref(), pose)?;
         let usual = if self.unrefined.is_some() { &REFINED } else { &FINEST };
         let vain_before_mm = self.vain_mm;
@@ -224,11 +237,32 @@ impl QuasiStaticSolver {
         resolved
     }
 
+    /// Goes the whole way since the pad was at rest again, and on to `pose`. Waypoints on straight parts of it are passed by.
+    fn go_from_rest(&mut self, pose: &Pose) -> Result<(), Error> {
+        let way = corners(self.path.iter().chain([pose]));
+        rest_at(&mut self.levels, &way[0]);
+        self.arrive(&way[0]);
+        for corner in &way[1..way.len() - 1] {
+            match self.go_on(corner) {
+                Err(error) if !error.goes_on() => return Err(error),
+                _ => (),
+            }
+        }
+        self.go_on(pose)
+    }
+
+    fn skips(&self, skip: Skip) -> bool {
+        !self.without.contains(&skip)
+    }
+
     /// How much the pressure of a face in relief tells that the splines' does not, from 0 to 1: the less, the less coating and bulk
     /// are alike. Under skins of 0.1 to 0.5 mm, five times as stiff and as soft as the pad, sphere, cylinder, dots and cone 0.3 and
     /// 0.8 mm deep have forces in relief that are 2.4 % too small to 0.4 % too large (stiff; the cone 3.3 % too small), and up to 9 %
     /// too small (soft), for the layers of the relief are linear ones; the splines' mostly are within 1.3 %.
     fn trust_in_relief(&self) -> f64 {
+        if !self.skips(Skip::Relief) {
+            return 0.0;
+        }
         let alike = self.pad.evenness().powi(2);
         if alike < LEAST_ALIKE { 0.0 } else { alike * self.finest().trust_in_relief(self.indenter.as_ref()) }
     }
@@ -239,7 +273,7 @@ impl QuasiStaticSolver {
         let (grid, size) = (level.grid(), self.pad.size_mm);
         let cell_mm = [grid.hx, grid.hy];
         let spacing = [size[0] / nx.saturating_sub(1) as f64, size[1] / ny.saturating_sub(1) as f64];
-        let Some(times) = relief::finer(spacing, cell_mm) else {
+        let Some(times) = relief::finer(spacing, cell_mm).filter(|_| self.skips(Skip::Relief)) else {
             return level.capture(indenter, nx, ny);
         };
         let trust = self.trust_in_relief();
@@ -332,6 +366,7 @@ impl Elastomer for QuasiStaticSolver {
             indenter: Arc::clone(&self.indenter),
             force_fades_mm: self.force_fades_mm,
             interrupt: self.interrupt.clone(),
+            without: self.without.clone(),
             spent: [0; 2],
         })
     }

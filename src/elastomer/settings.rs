@@ -1,6 +1,6 @@
 //! What can be set about an elastomer simulation: the `[elastomer]` table of a rig file.
 
-use super::{Law, Pad};
+use super::{Law, Pad, Skip};
 use serde::{Deserialize, Serialize};
 
 /// How the pad is solved.
@@ -126,6 +126,9 @@ pub struct Settings {
     pub base: Base,
     /// Points of the surface lattice along x and y.
     pub surface: [usize; 2],
+    /// What is not skipped, though no scene needs it. (Not written down where it is nothing.)
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub without: Vec<Skip>,
 }
 
 /// How the explicit modes hold the base of the pad.
@@ -139,6 +142,11 @@ pub enum Base {
 }
 
 impl Settings {
+    /// Whether something that is not needed is left undone.
+    pub fn skips(&self, skip: Skip) -> bool {
+        !self.without.contains(&skip)
+    }
+
     /// Young's modulus of a pad under these settings, MPa, and the key that says so.
     pub fn youngs_modulus_of(&self, pad: &Pad) -> (&'static str, f64) {
         match self.youngs_modulus_mpa {
@@ -174,6 +182,7 @@ impl Default for Settings {
             rest_floor_mm_s: 1.0,
             base: Base::BondedLayers,
             surface: [401, 401],
+            without: Vec::new(),
         }
     }
 }

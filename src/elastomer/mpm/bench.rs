@@ -10,7 +10,7 @@
 use super::ExplicitSolver;
 use super::lanes::Isa;
 use super::roofline::Roofline;
-use crate::elastomer::{Elastomer, Error, Law, Material, Mode, Pad, Settings};
+use crate::elastomer::{Elastomer, Error, Law, Material, Mode, Pad, Settings, Skip};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 use glam::DVec3;
@@ -168,11 +168,11 @@ fn measure(load: &Load) -> Result<Throughput, Error> {
     let &Load { mode, law, particles, threads, steps, isa, rest_is_computed } = load;
     let material = Material { law, youngs_modulus_mpa: 0.145, poisson_ratio: 0.45, density_g_mm3: 1.0 };
     let pad = Pad::slab([20.0, 20.0, 4.0], material);
-    let settings = Settings { mode, particles, ..Settings::default() };
+    let without = if rest_is_computed { vec![Skip::Rest] } else { Vec::new() };
+    let settings = Settings { mode, particles, without, ..Settings::default() };
     let start = Pose::new(0.0, 0.0, 0.0, 0.0);
     let mut solver =
         ExplicitSolver::with_isa(&pad, &settings, Arc::new(Ball { radius_mm: 4.0 }), &start, isa)?;
-    solver.compute_rest(rest_is_computed);
     solver.advance(&Pose::new(0.0, 0.0, -START_DEPTH_MM, 0.0))?;
     // Press on, and back when it gets deep, always at the speed of the settings.
     let stride = settings.speed_mm_s * solver.body().scheme.dt_s;
@@ -249,14 +249,14 @@ mod tests {
         for law in [Law::FixedCorotated, Law::NeoHookean] {
             let material =
                 Material { law, youngs_modulus_mpa: 0.145, poisson_ratio: 0.45, density_g_mm3: 1.0 };
-            let settings = Settings { mode: Mode::Mpm, particles: [61, 61, 41], ..Settings::default() };
+            let (mode, particles, without) = (Mode::Mpm, [61, 61, 41], vec![Skip::Rest]);
+            let settings = Settings { mode, particles, without, ..Settings::default() };
             let (pad, ball) = (Pad::slab([6.0, 6.0, 4.0], material), Arc::new(Ball { radius_mm: 4.0 }));
             let start = Pose::new(0.0, 0.0, 0.0, 0.0);
             let mut solver =
                 ExplicitSolver::with_isa(&pad, &settings, ball, &start, Isa::best()).expect("a sound pad");
             solver.advance(&Pose::new(0.0, 0.0, -START_DEPTH_MM, 0.0)).expect("a press");
             solver.body.isa = Isa::Counted;
-            solver.compute_rest(true);
             super::super::lanes::counted::take();
             let passes = solver.tally.passes;
             solver.step_to(&Pose::new(0.0, 0.0, -START_DEPTH_MM - 0.02, 0.0)).expect("a step further");

@@ -59,7 +59,7 @@ pub struct Body {
     pub speed_squared: f64,
     /// Particles in the blocks that the last pass computed.
     pub computed: usize,
-    /// Whether blocks at rest are computed all the same, for measurements. Nothing but time comes of it: a block is passed over
+    /// Whether blocks at rest are computed all the same. Nothing but time comes of it: a block is passed over
     /// when what it sees is exactly zero and was in its last pass.
     pub rest_is_computed: bool,
 }

@@ -3,7 +3,9 @@
 use super::chart::Chart;
 use super::level::Level;
 use super::resolution::Resolution;
-use crate::elastomer::{Coating, Error, Friction, Material, Pad, PadShape, Settings, pose_can_be_reached};
+use crate::elastomer::{
+    Coating, Error, Friction, Material, Pad, PadShape, Settings, Skip, pose_can_be_reached,
+};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 
@@ -35,6 +37,10 @@ pub struct Body {
     pub coating: Option<Coating>,
     /// Friction of the face.
     pub friction: Friction,
+    /// Whether what touches without friction has anchors all the same.
+    pub anchored: bool,
+    /// Whether the face is looked at where the indenter is clear of it, before the first touch.
+    pub looked_at: bool,
 }
 
 impl Body {
@@ -45,7 +51,15 @@ impl Body {
         material.youngs_modulus_mpa = settings.youngs_modulus_of(pad).1;
         material.poisson_ratio = settings.poisson_ratio_of(pad).1;
         let size_mm = [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm];
-        Self { shape: pad.shape, size_mm, material, coating: pad.coating, friction: settings.friction }
+        Self {
+            shape: pad.shape,
+            size_mm,
+            material,
+            coating: pad.coating,
+            friction: settings.friction,
+            anchored: !settings.skips(Skip::Frictionless),
+            looked_at: !settings.skips(Skip::FirstTouch),
+        }
     }
 
     /// It at rest, at one resolution.

@@ -163,8 +163,8 @@ fn increment(
 ) -> Result<Result<(), Outcome>, Error> {
     let Some((fine, coarser)) = levels.split_last_mut() else { return Ok(Ok(())) };
     if fine.level.is_clear(indenter, pose) {
-        fine.level.rest_at(pose);
-        rest_at(coarser, pose);
+        levels.iter_mut().for_each(|step| step.level.look(indenter, pose));
+        rest_at(levels, pose);
         return Ok(Ok(()));
     }
     // Where a slide or a press goes on, what came last says more than a coarser grid, which stays behind.

@@ -103,6 +103,8 @@ pub struct Contacts {
     /// Tangential penalty, MPa/mm.
     tangential: f64,
     law: FrictionLaw,
+    /// Whether what touches without friction has anchors, too.
+    anchored: bool,
     /// Points that carried pressure pull as well as push, and no others act: for predictions.
     bilateral: bool,
     /// When the last point that touched in this press would have met the indenter, had the pad stood still, as a
@@ -135,6 +137,7 @@ impl Contacts {
             tangential: stiffness
                 * if friction == Friction::Infinite { STICK_SOFTNESS } else { SLIP_SOFTNESS },
             law: FrictionLaw::new(friction, shear_modulus_mpa),
+            anchored: false,
             bilateral: false,
             latest: 0.0,
             plane: grid.plane(),
@@ -185,6 +188,11 @@ impl Contacts {
             }
         }
         least
+    }
+
+    /// Whether what touches without friction has anchors all the same, which bear nothing.
+    pub fn set_anchored(&mut self, anchored: bool) {
+        self.anchored = anchored;
     }
 
     /// Whether points that carried pressure pull as well as push, and no others act.

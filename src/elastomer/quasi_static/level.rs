@@ -10,6 +10,7 @@ mod wear;
 
 pub use increment::Leave;
 use increment::SHARP_RESIDUAL;
+pub use way::corners;
 
 use super::body::Body;
 use super::chart::Chart;
@@ -59,6 +60,8 @@ pub struct Level {
     free_increment_mm: f64,
     /// Whether a finer level makes its answers good.
     guesses: bool,
+    /// Whether it is looked at where the indenter is clear of it.
+    looked_at: bool,
     /// The equilibrium reached.
     at: Equilibrium,
     /// The iteration and its counters.
@@ -116,7 +119,9 @@ impl Level {
         let layer = RestLayer::new(&grid, &stack);
         let green = FaceGreen::new(&grid, &layer);
         let stiffness = SPRING_STIFFNESS * material.youngs_modulus_mpa / grid.hx;
-        let contacts = Contacts::new(&grid, chart, resolution.samples, stiffness, *friction, stack.face_mu());
+        let mut contacts =
+            Contacts::new(&grid, chart, resolution.samples, stiffness, *friction, stack.face_mu());
+        contacts.set_anchored(body.anchored);
         let u = vec![0.0; grid.field_len()];
         let least_force = 1e-5 * material.youngs_modulus_mpa * grid.hx * grid.hy;
         let frames = chart.map(|chart| Frames::new(&grid, &chart));
@@ -134,6 +139,7 @@ impl Level {
             },
             free_increment_mm: resolution.free_increment_mm,
             guesses,
+            looked_at: body.looked_at,
             at: Equilibrium {
                 pose,
                 contacts,
@@ -164,6 +170,7 @@ impl Level {
             increment_mm: self.increment_mm,
             free_increment_mm: self.free_increment_mm,
             guesses: self.guesses,
+            looked_at: self.looked_at,
             at: self.at.clone(),
             newton: self.newton.fork(),
         }
@@ -240,6 +247,12 @@ impl Level {
         (at.dragged_mm, at.worn, at.ledger) = (0.0, 0.0, Ledger::default());
         at.mirrors = symmetry::mirrors_of(pose);
         at.stated = OnceLock::new();
+    }
+
+    /// How many points have anchors.
+    #[cfg(test)]
+    pub fn anchors(&self) -> usize {
+        self.at.contacts.anchors()
     }
 
     /// Whether the indenter at `pose` would be clear of the face at rest.

@@ -66,6 +66,8 @@ pub struct Newton {
     pub iterations: u64,
     /// Tangent applications since the counters were cleared.
     pub passes: u64,
+    /// How often the strain was found.
+    pub strains: u64,
 }
 
 /// How a solve ended.
@@ -105,6 +107,7 @@ impl Newton {
     /// The pad at displacement `u`, from which [`Self::begin`] goes on.
     pub fn strain(&mut self, operator: &Operator, u: &[f32]) -> Strain {
         self.elastic.resize(operator.grid().field_len(), 0.0);
+        self.strains += 1;
         strain(operator, u, &mut self.elastic, &mut self.tangent)
     }
 
@@ -220,6 +223,7 @@ impl Newton {
         elastic: &mut [f32],
         residual: &mut [f32],
     ) -> State {
+        self.strains += 1;
         let strain = strain(&problem.machine.operator, u, elastic, &mut self.tangent);
         contacts.linearise(problem.indenter, problem.pose, u);
         State { strain, relative: balance(problem, contacts, elastic, residual) }

@@ -3,6 +3,7 @@
 use super::grid::Grid;
 use super::increments;
 use super::underside::{Underside, tip_width_mm};
+use crate::elastomer::{Settings, Skip};
 use crate::indenter::Indenter;
 
 /// Residual, and penetration relative to depth, of levels that only guess.
@@ -111,6 +112,14 @@ impl Resolution {
         }
         let [now, wanted] = [cell_mm, narrower_mm].map(|cell_mm| Grid::blocks(size[0], cell_mm));
         (now..=wanted).rev().find_map(|blocks| usual.of_blocks(size, blocks)).unwrap_or(usual)
+    }
+
+    /// The same where cells of a pad of `size` mm are not saved, as the settings may have it.
+    pub(super) fn with_skips_of(self, settings: &Settings, size: [f64; 3]) -> Self {
+        let growth = if settings.skips(Skip::GrowingCells) { self.growth } else { 1.0 };
+        let half_mm = size[0] / (32 * Grid::blocks(size[0], self.cell_mm)) as f64;
+        let cell_mm = if settings.skips(Skip::Relief) { self.cell_mm } else { half_mm };
+        Self { growth, cell_mm, ..self }
     }
 
     /// Cells with which the error may be expected to fall from `stated` to `wanted` on a pad of `size` mm, though at

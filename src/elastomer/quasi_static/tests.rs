@@ -5,6 +5,7 @@ mod friction;
 mod narrow;
 mod order;
 mod pads;
+mod skips;
 mod stated;
 mod truth;
 

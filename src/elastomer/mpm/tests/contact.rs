@@ -51,6 +51,23 @@ fn nothing_is_computed_before_contact_and_a_fork_is_independent() {
 }
 
 #[test]
+fn the_air_may_be_stepped_through_and_the_press_is_the_same_to_the_bit() {
+    let follow = |without: Vec<Skip>| {
+        let mut solver = pressed(Mode::Mpm, [51, 51, 11], |s| s.without = without.clone());
+        solver.advance(&Pose::new(1.0, 0.0, 1.6, 10.0)).expect("in the air");
+        let air = solver.capture(21, 21).expect("a state").stats.passes;
+        solver.advance(&Pose::new(1.0, 0.0, -0.3, 10.0)).expect("a press");
+        let press = solver.capture(21, 21).expect("a state");
+        (air, press.surface, press.forces)
+    };
+    let (skipped, surface, forces) = follow(Vec::new());
+    let (stepped, same_surface, same_forces) = follow(vec![Skip::FirstTouch]);
+    assert!(skipped == 0 && stepped > 10, "{skipped} and {stepped} passes");
+    assert!(surface == same_surface);
+    assert_eq!(forces, same_forces);
+}
+
+#[test]
 fn the_rest_loop_is_nearly_idle_at_the_papers_threshold() {
     let mut solver = pressed(Mode::Impm, [101, 101, 21], |_| {});
     solver.advance(&Pose::new(0.0, 0.0, -0.5, 0.0)).expect("a press");

@@ -109,14 +109,13 @@ fn instruction_sets_agree_to_rounding() {
 /// A press, a slide and a return, with the relative-rest loop: blocks wake, meet the indenter and come to see it go.
 #[test]
 fn passing_over_what_is_at_rest_changes_no_bit() {
-    let settings = Settings { rest_limit: 3, ..settings(Mode::Impm, [61, 61, 9]) };
     let pad = pad([20.0, 20.0, 2.0]);
     let start = Pose::new(-4.0, 0.0, 0.0, 0.0);
-    let follow = |rest_is_computed: bool| {
+    let follow = |without: Vec<Skip>| {
+        let settings = Settings { rest_limit: 3, without, ..settings(Mode::Impm, [61, 61, 9]) };
         let mut solver =
             ExplicitSolver::new(&pad, &settings, Arc::new(shapes::Ball { radius_mm: 2.0 }), &start)
                 .expect("a sound pad");
-        solver.compute_rest(rest_is_computed);
         let mut seen = Vec::new();
         for (x, z) in [(-4.0, -0.3), (-3.0, -0.3), (-3.0, 0.6), (-1.0, 1.0)] {
             solver.advance(&Pose::new(x, 0.0, z, 0.0)).expect("a short way");
@@ -129,7 +128,7 @@ fn passing_over_what_is_at_rest_changes_no_bit() {
         }
         seen
     };
-    let (passed, all) = (follow(false), follow(true));
+    let (passed, all) = (follow(Vec::new()), follow(vec![Skip::Rest]));
     for ((passed, part), (all, whole)) in passed.iter().zip(&all) {
         assert!(passed == all);
         assert!(*whole == 1.0 && *part <= 1.0);

@@ -154,7 +154,8 @@ impl Contacts {
             self.choose_sides(indenter, poses[1], u);
         }
         let mut out = Updated::default();
-        let tangent = self.has_friction();
+        let rubs = self.has_friction();
+        let tangent = rubs || self.anchored;
         let slides = !self.sticks() || self.law.torn >= 1.0;
         let bounds_follow = slides || round <= BOUND_ROUNDS;
         let multiplier_rounds = MULTIPLIER_ROUNDS[usize::from(slides)];
@@ -171,7 +172,7 @@ impl Contacts {
             let (mut held, mut slipping) = ((DVec3::ZERO, 0), (DVec3::ZERO, 0));
             for s in cell.iter_mut() {
                 s.multiplier = mean;
-                s.loaded = s.pressure > 0.0;
+                let was_loaded = std::mem::replace(&mut s.loaded, s.pressure > 0.0);
                 if !tangent {
                     continue;
                 }
@@ -182,7 +183,9 @@ impl Contacts {
                         out.events += 1;
                     }
                 } else if let Some(anchor) = &mut s.anchor {
-                    out.events += usize::from(s.loaded != (anchor.bound > 0.0));
+                    // (What bears nothing has no bound to tell it by.)
+                    let was_loaded = if rubs { anchor.bound > 0.0 } else { was_loaded };
+                    out.events += usize::from(s.loaded != was_loaded);
                     let mut trial = anchor.trial(s.seen, self.tangential);
                     if s.loaded && revocable && s.pushed_by.is_none() && trial.length() >= anchor.bound {
                         anchor.lean(Side::nearest(indenter, s.seen).1.normal);

@@ -17,6 +17,12 @@ impl Contacts {
         (force, torque)
     }
 
+    /// How many points have anchors.
+    #[cfg(test)]
+    pub fn anchors(&self) -> usize {
+        self.samples.iter().filter(|s| s.anchor.is_some()).count()
+    }
+
     /// Distance of what is pressed from the indenter's axis, weighed by the pressure, mm.
     pub fn arm_mm(&self, pose: &Pose) -> f64 {
         let (mut sum, mut force) = (0.0, 0.0);

@@ -112,6 +112,21 @@ impl Level {
         }
     }
 
+    /// Looks, where that is not skipped, at a pad at rest whose face an indenter on its way to `pose` stays clear of: as an increment
+    /// would be solved. What comes of it is known, so that it then rests there.
+    pub fn look(&mut self, indenter: &dyn Indenter, pose: &Pose) {
+        if !self.looked_at || !self.at.at_rest {
+            return;
+        }
+        let from = self.at.pose;
+        self.at.contacts.begin_increment(indenter, &from, pose, &self.at.u);
+        let machine = Arc::clone(&self.machine);
+        let problem = Problem { machine: &machine, indenter, pose, least_force: self.least_force };
+        let strain = self.guess(&problem, &way_between(&from, pose), None);
+        let leave = Leave { cautious: false, even: false, passes: u64::MAX };
+        _ = self.settle(&problem, strain, leave);
+    }
+
     /// Solves in rounds until multipliers, anchors and bounds agree with the displacement, or as nearly as
     /// the rounds allow: what then disagrees is booked as an error. Multipliers are brought up to date long
     /// before the displacement has settled, so that both arrive together; a round that was to be sharp comes
