@@ -150,7 +150,7 @@ impl Args {
         let bar = screen::bar(&bars, "simulated", wanted.len() as u64);
         let account = Account::begin(&self.out.join("captures.jsonl"))?;
         let desk = Desk { args: self, twin: &twin, wear: wear.as_ref(), trajectory, bar: &bar, account };
-        let roots = grow(trajectory, &wanted, |i| trajectory.waypoints[i].pose);
+        let roots = grow(trajectory, &wanted, &twin.model.settings, |i| trajectory.waypoints[i].pose);
         let emit = |outcome| desk.take(outcome);
         let (model, crew) = (&twin.model, &twin.crew);
         Walk { model, lattice: model.settings.surface, crew, cancel, emit: &emit }.run(&roots);

@@ -62,7 +62,7 @@ impl Simulation {
     /// One tree for the whole trajectory: episodes share what they have in common.
     fn commanded(&self, wanted: &BTreeSet<u32>, wear: &Wear) -> Result<NotSimulated, CollectionError> {
         let trajectory = self.dataset.trajectory();
-        let roots = grow(trajectory, wanted, |i| trajectory.waypoints[i].pose);
+        let roots = grow(trajectory, wanted, &self.twin.model.settings, |i| trajectory.waypoints[i].pose);
         self.walk(&roots, wear)
     }
 
@@ -97,7 +97,8 @@ impl Simulation {
             }
             tracing::debug!(episodes = ?ready, "simulating measured poses");
             let due = ready.into_iter().flat_map(captures_of).filter(|c| wanted.contains(c)).collect();
-            not_simulated.extend(self.walk(&grow(trajectory, &due, pose_of), wear)?);
+            let roots = grow(trajectory, &due, &self.twin.model.settings, pose_of);
+            not_simulated.extend(self.walk(&roots, wear)?);
         }
         Ok(not_simulated)
     }

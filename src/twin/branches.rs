@@ -3,8 +3,10 @@
 //! The left and the right slide of one indenter share their press, so the twin presses once and
 //! forks the state. A node is a commanded pose; its captures are all those that any episode wants
 //! there. Branches in which nothing is wanted are never walked, and neither is what follows the last
-//! wanted capture of a branch (the retract, usually).
+//! wanted capture of a branch (the retract, usually). Both can be had otherwise ([`Skip::SharedPaths`],
+//! [`Skip::NeededWaypoints`]): the captures are the same.
 
+use crate::elastomer::{Settings, Skip};
 use crate::motion::Trajectory;
 use crate::pose::Pose;
 use std::collections::BTreeSet;
@@ -31,22 +33,25 @@ pub struct Root {
     pub next: Vec<Branch>,
 }
 
-/// The tree of the wanted captures of a trajectory. `pose_of` gives the pose that the twin follows
+/// The tree of the wanted captures of a trajectory, with the skips of `settings`. `pose_of` gives the pose that the twin follows
 /// at a waypoint: the commanded one, or the one measured on the bench.
 pub fn grow(
     trajectory: &Trajectory,
     wanted: &BTreeSet<u32>,
+    settings: &Settings,
     mut pose_of: impl FnMut(usize) -> Pose,
 ) -> Vec<Root> {
+    let shares = settings.skips(Skip::SharedPaths);
     let mut roots: Vec<Root> = Vec::new();
     for episode in &trajectory.episodes {
         let range = episode.first_waypoint as usize..episode.end_waypoint as usize;
         let is_wanted = |i: usize| trajectory.waypoints[i].capture.is_some_and(|c| wanted.contains(&c));
-        let Some(last) = range.clone().rev().find(|i| is_wanted(*i)) else { continue };
+        let Some(last_wanted) = range.clone().rev().find(|i| is_wanted(*i)) else { continue };
+        let last = if settings.skips(Skip::NeededWaypoints) { last_wanted } else { range.end - 1 };
 
         let start = pose_of(range.start);
         let known = roots.iter().position(|r| r.indenter == episode.indenter && r.start == start);
-        let root = known.unwrap_or_else(|| {
+        let root = known.filter(|_| shares).unwrap_or_else(|| {
             roots.push(Root { indenter: episode.indenter.clone(), start, next: Vec::new() });
             roots.len() - 1
         });
@@ -123,9 +128,28 @@ mod tests {
     }
 
     #[test]
+    fn what_is_not_skipped_is_pressed_for_each_slide_and_followed_to_the_end() {
+        let t = slip();
+        let grown = |without| {
+            let settings = Settings { without, ..Settings::default() };
+            grow(&t, &(0..6).collect(), &settings, |i| t.waypoints[i].pose)
+        };
+        let roots = grown(vec![Skip::SharedPaths]);
+        let captures = |root: &Root| root.next[0].next[0].captures.clone();
+        assert_eq!(roots.iter().map(captures).collect::<Vec<_>>(), [[0], [3]]);
+        let slid = |root: &Root| root.next[0].next[0].next[0].next[0].clone();
+        assert!(roots.iter().all(|root| root.next.len() == 1 && slid(root).next.is_empty()));
+
+        let roots = grown(vec![Skip::SharedPaths, Skip::NeededWaypoints]);
+        let ends = |root: &Root| slid(root).next.iter().map(|b| (b.pose.z_mm, b.captures.len())).collect();
+        assert_eq!(roots.iter().map(ends).collect::<Vec<Vec<_>>>(), [[(5.0, 0)], [(5.0, 0)]]);
+        assert_eq!(grown(vec![Skip::NeededWaypoints]).len(), 1);
+    }
+
+    #[test]
     fn left_and_right_share_their_press_and_nobody_retracts() {
         let t = slip();
-        let roots = grow(&t, &(0..6).collect(), |i| t.waypoints[i].pose);
+        let roots = grow(&t, &(0..6).collect(), &Settings::default(), |i| t.waypoints[i].pose);
         assert_eq!(roots.len(), 1);
         let press = &roots[0].next[0].next[0];
         assert_eq!(press.captures, [0, 3]);
@@ -136,11 +160,11 @@ mod tests {
     #[test]
     fn what_is_not_wanted_is_not_walked() {
         let t = slip();
-        let roots = grow(&t, &BTreeSet::from([4]), |i| t.waypoints[i].pose);
+        let roots = grow(&t, &BTreeSet::from([4]), &Settings::default(), |i| t.waypoints[i].pose);
         let press = &roots[0].next[0].next[0];
         assert_eq!(press.next.len(), 1);
         assert_eq!(press.next[0].captures, [4]);
         assert!(press.next[0].next.is_empty());
-        assert!(grow(&t, &BTreeSet::new(), |i| t.waypoints[i].pose).is_empty());
+        assert!(grow(&t, &BTreeSet::new(), &Settings::default(), |i| t.waypoints[i].pose).is_empty());
     }
 }

@@ -186,6 +186,10 @@ impl<'r> Walker<'_, 'r> {
     fn fail(&self, branches: &[Branch], error: elastomer::Error) -> ControlFlow<()> {
         let mut captures = Vec::new();
         collect_captures(branches, &mut captures);
+        if captures.is_empty() {
+            // Nobody asks what becomes of a retract.
+            return ControlFlow::Continue(());
+        }
         self.emit(Outcome::Failed { captures, error })
     }
 

@@ -68,6 +68,42 @@ fn a_crew_of_any_size_walks_the_same_to_the_bit() {
 }
 
 #[test]
+fn paths_that_are_walked_alone_and_to_their_end_find_the_same() {
+    let walked = |roots: &[Root]| {
+        let (model, cancel) = (model(), Arc::new(AtomicBool::new(false)));
+        let crew = Crew::new(Some(2)).expect("threads");
+        let found = Mutex::new(BTreeMap::new());
+        let emit = |outcome| {
+            let Outcome::Deformed(deformed) = outcome else { panic!("{outcome:?}") };
+            let told = (deformed.pad.surface, deformed.pad.forces);
+            assert!(found.lock().unwrap().insert(deformed.captures, told).is_none());
+            true
+        };
+        let walk = Walk { model: &model, lattice: [21, 21], crew: &crew, cancel: &cancel, emit: &emit };
+        assert!(walk.run(roots));
+        found.into_inner().unwrap()
+    };
+    let shared = roots().remove(0);
+    // Up again, and to where no indenter can be: nobody wants to know.
+    let end = |x: f64, z: f64, next| Branch { pose: Pose::new(x, 0.0, z, 0.0), captures: Vec::new(), next };
+    let alone = [0, 1].map(|n| {
+        let mut root = shared.clone();
+        let press = &mut root.next[0];
+        press.next = vec![press.next.swap_remove(n)];
+        if n > 0 {
+            press.captures.clear();
+        }
+        let slide = &mut press.next[0];
+        let (x, z) = (slide.pose.x_mm, slide.pose.z_mm);
+        slide.next = vec![end(x, 0.1, vec![end(x, 100.0 * z, Vec::new())])];
+        root
+    });
+    let found = walked(&alone);
+    assert_eq!(found.keys().flatten().copied().collect::<Vec<_>>(), [0, 1, 2]);
+    assert!(found == walked(&[shared]));
+}
+
+#[test]
 fn nobody_begins_anything_once_one_was_told_to_stop() {
     let taken = AtomicUsize::new(0);
     let crew = Crew::new(Some(2)).expect("threads");
