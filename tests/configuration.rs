@@ -136,6 +136,25 @@ fn every_override_of_the_conventions_reaches_its_setting() {
 }
 
 #[test]
+fn skips_are_left_out_by_their_words_and_a_dataset_knows() {
+    use twinrig::elastomer::Skip;
+    let simulation_hash = |sets: &[&str]| {
+        let setup = load("virtual", "slip", sets).unwrap_or_else(|e| panic!("{e}"));
+        let provenance = twinrig::assemble::provenance(&setup).expect("a plan");
+        (setup.rig.elastomer.without, provenance.simulation_hash, provenance.overrides)
+    };
+    let (none, usual, _) = simulation_hash(&[]);
+    let set = "elastomer.without=[\"warm_start\", \"shared_paths\"]";
+    let (without, other, overrides) = simulation_hash(&[set]);
+    assert_eq!((none, without), (Vec::new(), vec![Skip::WarmStart, Skip::SharedPaths]));
+    assert_ne!(usual, other);
+    assert_eq!(overrides, [set]);
+    // The words in the file, and in the error that names all of them.
+    let said = load("virtual", "slip", &["elastomer.without=[\"warmth\"]"]).unwrap_err().to_string();
+    assert!(Skip::ALL.iter().all(|skip| said.contains(&format!("\"{}\"", skip.name()))), "{said}");
+}
+
+#[test]
 fn shipped_files_are_found_from_anywhere_and_own_files_come_first() {
     let elsewhere = tempfile::tempdir().unwrap();
     let slip = config::load(Path::new("virtual"), Some(Path::new("slip.toml")), &[]).unwrap();

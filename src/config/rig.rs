@@ -483,6 +483,25 @@ fn check_elastomer(settings: &elastomer::Settings, problems: &mut Problems) {
     for (i, count) in settings.surface.iter().enumerate() {
         problems.range(&format!("surface.[{i}]"), *count as f64, 2.0, 4001.0, "points");
     }
+    check_skips(settings, problems);
+}
+
+/// What is left out must be there to be left out, once.
+fn check_skips(settings: &elastomer::Settings, problems: &mut Problems) {
+    for (i, skip) in settings.without.iter().enumerate() {
+        let (key, word, mode) = (format!("without.[{i}]"), skip.name(), settings.mode);
+        if settings.without[..i].contains(skip) {
+            problems.push(&key, format!("\"{word}\" (named twice)"), "each skip once", "remove it");
+        } else if !skip.modes().contains(&mode) {
+            let users: Vec<String> = skip.modes().iter().map(|m| format!("\"{}\"", m.name())).collect();
+            problems.push(
+                &key,
+                format!("\"{word}\" (no skip of elastomer.mode = \"{}\")", mode.name()),
+                format!("with elastomer.mode = {}", users.join(" or ")),
+                format!("leave it out, or choose elastomer.mode = {}", users[0]),
+            );
+        }
+    }
 }
 
 impl OpticsTable {
