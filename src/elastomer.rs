@@ -6,9 +6,9 @@
 //!
 //! Two solvers stand behind one contract ([`Elastomer`]): the paper's explicit material point
 //! method with or without its relative-rest loop ([`Mode::Mpm`], [`Mode::Impm`]), and a quasi-static
-//! solver whose waypoints are equilibria ([`Mode::QuasiStatic`]). What neither does where a scene does not need it can be asked
-//! for by name ([`skips`]). Lengths are mm, forces N, stress MPa;
-//! the frame is the pad frame of [`crate::pose`]. This module never knows optics, files or the rig.
+//! solver whose waypoints are equilibria ([`Mode::QuasiStatic`]). What neither does where a scene does not need it is named in
+//! [`skips`]. Lengths are mm, forces N, stress MPa; the frame is the pad frame of [`crate::pose`]. This module never knows
+//! optics, files or the rig.
 
 pub mod capture;
 mod interrupt;

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "snake_case")]
 pub enum Skip {
     /// Nothing is computed before the first touch. Without: each increment through the air is looked at on every grid, or stepped
-    /// through. Exact, but that an explicit capture within ten steps of the first touch takes its forces as a mean of fewer.
+    /// through. Exact, but for the forces of an explicit capture within ten steps of the first touch, which are means of the last ten.
     FirstTouch,
     /// A waypoint starts from the one before. Without: each is followed to from rest, along the whole way since the pad was at rest,
     /// its straight parts in one, for what sticks or rubs depends on the way. Within the stated errors.
@@ -27,7 +27,7 @@ pub enum Skip {
     /// Blocks of particles at rest stay as they are. Without: they are computed. Exact.
     Rest,
     /// Paths with a common beginning (the left and the right slide of one press) walk it once. Without: each episode presses by
-    /// itself. Exact.
+    /// itself. Exact, but for the noise of pictures: captures in one place share theirs no more.
     SharedPaths,
     /// A path ends at the last waypoint that a capture needs. Without: each episode that has one is walked to its end. Exact.
     NeededWaypoints,
