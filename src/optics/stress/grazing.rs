@@ -9,8 +9,8 @@ use glam::Vec3;
 use std::rc::Rc;
 use std::sync::Arc;
 
-/// Pads that are seen. (The last is tried where there is a picture of the fast mode.)
-const PRESSES: [Press; 3] = [Press::Untouched, Press::Sphere, Press::Punch];
+/// Pads that are seen.
+const PRESSES: [Press; 2] = [Press::Untouched, Press::Sphere];
 /// From the pad's middle to the wall, mm.
 const WALL_MM: f32 = 10.0;
 /// Area of the lamps that these stand for, mm^2: they are to be as strong.
@@ -20,8 +20,7 @@ const NARROWER: f32 = 0.93;
 
 pub(super) fn cases(cases: &mut Vec<Case>) {
     for (what, due, change) in lamps() {
-        let presses = if due == Due::Picture { &PRESSES[..] } else { &PRESSES[..2] };
-        for &press in presses {
+        for press in PRESSES {
             let change = Rc::clone(&change);
             cases.push(case(format!("grazing: {what}, {press:?}"), due, move |s| {
                 Ok(Trial::new(Variant::Ac, press, s.size, LATTICE)?.changed(&*change))
@@ -36,13 +35,11 @@ type Change = Rc<dyn Fn(&mut Scene)>;
 fn lamps() -> Vec<(String, Due, Change)> {
     let mut lamps: Vec<(String, Due, Change)> = Vec::new();
     let mut add = |what: String, due: Due, change: Change| lamps.push((what, due, change));
-    for (angle_deg, due) in
-        [(0.5, Due::Reference), (1.0, Due::Reference), (2.0, Due::Picture), (3.0, Due::Picture)]
-    {
+    for angle_deg in [0.5, 1.0, 2.0, 3.0] {
         let foot_mm = WALL_MM * f32::to_radians(angle_deg).tan();
         add(
             format!("strips {angle_deg} degrees above the face"),
-            due,
+            Due::Reference,
             Rc::new(move |s| upright(s, WALL_MM - 1e-3, [foot_mm, foot_mm + 0.1])),
         );
     }
