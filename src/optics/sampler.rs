@@ -65,13 +65,6 @@ fn scramble_reversed(mut x: u32, seed: u32) -> u32 {
     x ^ x.wrapping_mul(0x53a2_2864)
 }
 
-/// The seed of a group's dimension. It is hashed twice: after one hash the seeds of two dimensions have so much in common that what the
-/// scrambling makes of them lies unevenly over pixels of few samples.
-#[inline]
-fn seed_of(group: u32, dimension: u32) -> u32 {
-    hash(hash(group, dimension + 1), 0xd1ce)
-}
-
 /// The sample points of one pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Sampler {
@@ -105,7 +98,7 @@ impl Sampler {
         }
         let mut out = [0.0; 4];
         for d in 0..4 {
-            let bits = scramble_reversed(x[d], seed_of(seed, d as u32)).reverse_bits();
+            let bits = scramble_reversed(x[d], hash(seed, d as u32 + 1)).reverse_bits();
             out[d] = (bits >> 8) as f32 * (1.0 / 16_777_216.0);
         }
         out
