@@ -41,7 +41,8 @@ pub struct Args {
     pub spp: Option<u32>,
     /// Error asked for (fast mode; 0.005 unless given); from 0.002 to 0.01 it picks the work. What the method leaves out does not shrink
     /// with work: under four even lights 0.002 is stated at the least, under one 0.004, under more less. To ask for less than 0.002 takes
-    /// longer and is hardly nearer to the truth: --mode reference is. To ask for more than 0.01 saves nothing
+    /// longer and is hardly nearer to the truth: --mode reference is. To ask for more than 0.01 saves
+    /// nothing of most pictures
     #[arg(long, value_parser = options::tolerance)]
     pub tolerance: Option<f64>,
     /// Raster as WIDTHxHEIGHT; the scene's or sensor's own by default
@@ -68,10 +69,10 @@ pub struct Args {
 impl Args {
     /// Runs the subcommand.
     pub fn run(self) -> Exit {
-        if self.mode == Mode::Fast {
+        let rendered = self.render();
+        if self.mode == Mode::Fast && rendered.is_ok() {
             Notice::of_tolerance(self.tolerance()).into_iter().for_each(screen::warning);
         }
-        let rendered = self.render();
         if let Some(why) = rendered.as_ref().ok().and_then(why_dark) {
             screen::warning(format_args!("the picture of {} is black: {why}", self.scene.display()));
         }

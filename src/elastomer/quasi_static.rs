@@ -128,7 +128,8 @@ impl QuasiStaticSolver {
         wakeful(|| Self::build(pad, settings, (resolution, Some(wanted)), indenter, &underside, start))
     }
 
-    /// As [`Self::new`], with the resolution given instead of derived from the tolerance, and kept whatever comes and is not skipped.
+    /// As [`Self::new`], with the resolution given instead of derived from the tolerance, and kept whatever comes: cells are as given where the
+    /// settings have relief or growing cells left out, too.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -239,6 +240,7 @@ impl QuasiStaticSolver {
 
     /// Goes the whole way since the pad was at rest again, and on to `pose`. Waypoints on straight parts of it are passed by.
     fn go_from_rest(&mut self, pose: &Pose) -> Result<(), Error> {
+        self.pad.reaches(self.indenter.as_ref(), pose)?;
         let way = corners(self.path.iter().chain([pose]));
         rest_at(&mut self.levels, &way[0]);
         self.arrive(&way[0]);

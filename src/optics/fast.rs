@@ -105,7 +105,7 @@ const RIM_MM: f32 = 0.05;
 /// relRMSE that may be asked for: finer work than the first gives nothing, beyond the second a picture is none.
 pub const TOLERANCES: [f64; 2] = [1e-4, 0.5];
 /// Between these a tolerance picks the work. Finer work than the first takes brings a picture hardly nearer to the truth, since what the
-/// method leaves out stays; and what is coarser than the second takes is less than any picture is worth.
+/// method leaves out stays; coarser work than the second there is none, but that pictures which state more are not looked at again.
 pub const WORKED: [f64; 2] = [0.002, 0.01];
 /// Smallest and largest extent of a pad, mm.
 const PAD_MM: [f32; 2] = [4.0, 200.0];
@@ -209,7 +209,7 @@ impl Precomputed {
             return Err(unsupported("pad", &value, "pads of 4 to 200 mm, for which its steps are chosen"));
         }
         lit_from_within(untouched, [low, high], rest)?;
-        lights_clear_of_face(&untouched.lights, [low, high], rest)?;
+        lights_clear_of_face(&untouched.lights, pad, [low, high], rest)?;
         eclipse::none(&untouched.lights, &sources, [low, high], rest)?;
         // (Beside a level face walls are parted, and light finds its own way.)
         let level = parted::level_of(untouched);

@@ -4,7 +4,8 @@
 //! Sobol dimensions (Burley, "Practical Hash-based Owen Scrambling", JCGT 2020; the scrambling hash is
 //! Laine and Karras' with Vegdahl's constants). Within a group any power of two samples has one point in each of as many
 //! elementary intervals of dimensions 0 and 1, and of any one alone; of other pairs, and of all four, its share in intervals at most
-//! eight times as large. Across groups, pixels and seeds samples are independent. A point depends on seed, pixel, sample and
+//! eight times as large. Across groups, pixels and seeds samples are independent, but in
+//! pixels of four samples or fewer: there dimensions 0 and 2, and 1 and 3, of a point have something in common. A point depends on seed, pixel, sample and
 //! group alone, so a picture does not depend on who renders which tile.
 
 /// Direction numbers of Sobol dimensions 1 to 3 (Joe and Kuo's initial values), bits reversed; dimension 0

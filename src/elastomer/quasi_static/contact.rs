@@ -205,8 +205,10 @@ impl Contacts {
     pub fn choose_sides(&mut self, indenter: &dyn Indenter, pose: &Pose, u: &[f32]) {
         let mut samples = std::mem::take(&mut self.samples);
         let at = Place::of(indenter, pose);
+        // (An anchor that bears nothing remembers no side, either.)
+        let rubs = self.has_friction();
         samples.par_iter_mut().with_min_len(FEW).for_each(|s| {
-            if s.entry.is_some() || s.anchor.is_some() {
+            if s.entry.is_some() || (rubs && s.anchor.is_some()) {
                 let p = at.in_indenter(s.rest + self.value(u, s.cell, s.sub));
                 s.pushed_by = s.side_out(indenter, p);
             }
@@ -220,6 +222,7 @@ impl Contacts {
         let along = (to.x_mm - from.x_mm).hypot(to.y_mm - from.y_mm);
         self.latest = if from.z_mm - to.z_mm > along { 0.0 } else { 1.0 };
         self.keep_within_reach(indenter, [from, to], u);
+        let rubs = self.has_friction();
         let mut samples = std::mem::take(&mut self.samples);
         for s in &mut samples {
             s.old_u = self.value(u, s.cell, s.sub);
@@ -228,7 +231,7 @@ impl Contacts {
             s.pushed_by = None;
             let p = s.rest + s.old_u;
             let end = to.to_indenter(p);
-            if s.anchor.is_some() || end.z < 0.0 || end.x.abs() > hx || end.y.abs() > hy {
+            if (rubs && s.anchor.is_some()) || end.z < 0.0 || end.x.abs() > hx || end.y.abs() > hy {
                 continue;
             }
             if indenter.distance(end) >= 0.0 {

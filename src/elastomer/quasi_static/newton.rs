@@ -66,7 +66,7 @@ pub struct Newton {
     pub iterations: u64,
     /// Tangent applications since the counters were cleared.
     pub passes: u64,
-    /// How often the strain was found.
+    /// How often the strain was found: what tells that a pad was looked at.
     pub strains: u64,
 }
 

@@ -93,6 +93,7 @@ fn over_the_surface(points: impl Iterator<Item = Vec3>, unroll: &Unroll) -> Vec<
 fn points_fall_on_every_part_of_a_light_with_the_density_claimed() {
     for (name, shape, area, unroll) in shapes() {
         let emitter = Emitter::new(&light(shape));
+        assert!((emitter.area / area - 1.0).abs() < 1e-5, "{name}: {} mm2", emitter.area);
         // Over the whole surface the density adds up to 1.
         assert!((emitter.pdf_area() * area - 1.0).abs() < 1e-4, "{name}: {}", emitter.pdf_area() * area);
         let in_a_bin = f64::from(N) * f64::from(emitter.pdf_area() * area) / (CELLS[0] * CELLS[1]) as f64;

@@ -77,7 +77,10 @@ impl std::fmt::Display for Notice {
                         ),
                         "the reference mode does",
                     ),
-                    false => (format!("saves no work over {coarsest}"), "smaller pictures do"),
+                    false => (
+                        format!("saves little over {coarsest}, and nothing of most pictures"),
+                        "smaller pictures do",
+                    ),
                 };
                 write!(
                     f,

@@ -2,7 +2,7 @@
 
 /// Makes the lights' weights their probabilities, the part `uniform` of which is the same for each that shines, and chooses one
 /// with `pick`, which is from 0 to 1. What is left of that is as good a number as it was. Where no weight tells them apart
-/// all that shine are alike; None where none does.
+/// all that shine are alike; None where none does. What does not shine must have no weight.
 pub fn choose(
     weights: &mut [f32],
     shines: impl Fn(usize) -> bool,

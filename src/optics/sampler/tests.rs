@@ -52,8 +52,10 @@ fn is_net(points: &[[f32; 4]], dimensions: &[usize], coarser: u32) -> bool {
 
 #[test]
 fn every_elementary_interval_of_a_pixel_holds_its_points() {
-    for (seed, group) in [(7, 0), (7, 1), (7, 19), (8, 0), (0, 3)] {
-        for m in 0..=10 {
+    let few = [(7, 0), (7, 1), (7, 19), (8, 0), (0, 3)];
+    let many = (0..20).map(|group| (7, group, 8..=8));
+    for (seed, group, sizes) in few.map(|(seed, group)| (seed, group, 0..=10)).into_iter().chain(many) {
+        for m in sizes {
             let count = 1 << m;
             let sampler = Sampler::new(seed, 3, 9, count);
             let points: Vec<_> = (0..count).map(|i| sampler.group(i, group)).collect();
@@ -91,7 +93,8 @@ fn one_point_is_uniform_over_seeds_pixels_and_groups() {
     const N: u32 = 1 << 16;
     const SIDE: usize = 12;
     type Point = fn(u32) -> [f32; 4];
-    let ways: [(&str, Point); 3] = [
+    let ways: [(&str, Point); 4] = [
+        ("seeds of few samples", |i| Sampler::new(i, 3, 9, 16).group(5, 0)),
         ("seeds", |i| Sampler::new(i, 3, 9, 64).group(5, 0)),
         ("pixels", |i| Sampler::new(1, i % 256, i / 256, 64).group(0, 1)),
         ("groups", |i| Sampler::new(1, 3, 9, 64).group(63, i)),

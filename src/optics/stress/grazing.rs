@@ -43,10 +43,16 @@ fn lamps() -> Vec<(String, Due, Change)> {
             Rc::new(move |s| upright(s, WALL_MM - 1e-3, [foot_mm, foot_mm + 0.1])),
         );
     }
+    add(
+        "strips whose middle is 0.7 mm over the face".to_owned(),
+        Due::Picture,
+        Rc::new(|s| upright(s, WALL_MM - 1e-3, [0.65, 0.75])),
+    );
     for (angle_deg, height_mm, due) in [
         (0.5, 0.6, Due::Reference),
         (1.0, 0.6, Due::Reference),
         (2.0, 0.6, Due::Reference),
+        (1.0, 1.6, Due::Picture),
         (1.0, 2.5, Due::Picture),
     ] {
         add(
