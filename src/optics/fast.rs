@@ -209,7 +209,8 @@ impl Precomputed {
             return Err(unsupported("pad", &value, "pads of 4 to 200 mm, for which its steps are chosen"));
         }
         lit_from_within(untouched, [low, high], rest)?;
-        lights_clear_of_face(&untouched.lights, pad, [low, high], rest)?;
+        let view = View::new(&fine_camera(untouched)?, slab);
+        lights_clear_of_face(&untouched.lights, pad, &view, [low, high], rest)?;
         eclipse::none(&untouched.lights, &sources, [low, high], rest)?;
         // (Beside a level face walls are parted, and light finds its own way.)
         let level = parted::level_of(untouched);
@@ -239,7 +240,6 @@ impl Precomputed {
         };
         let buried = |p: Vec3| level.is_none() && p.z < heights.at(p.truncate()) - BURIED_MM;
         let solved = Radiosity::new(&world, &lamps, slab, untouched.max_events, buried);
-        let view = View::new(&fine_camera(untouched)?, slab);
         lights_off_face(&untouched.lights, &view, pixel_mm(&view), [low, high], rest)?;
         let top = pad.mesh.positions.iter().fold(f32::NEG_INFINITY, |top, p| top.max(p.z));
         let high = top + DIRECT_LIFT_MM[1];

@@ -57,6 +57,13 @@ impl View {
         start + along / value
     }
 
+    /// Whether a point is within the raster, be there something before it or not.
+    pub fn sees(&self, p: Vec3) -> bool {
+        let at = self.project(p).truncate();
+        let raster = Vec2::new(self.camera.width as f32, self.camera.height as f32);
+        at.cmpge(Vec2::ZERO).all() && at.cmple(raster).all()
+    }
+
     /// Raster coordinates in pixels, and the value; not a number behind the camera.
     #[inline(always)]
     pub fn project(&self, p: Vec3) -> Vec3 {

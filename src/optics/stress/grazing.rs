@@ -52,7 +52,7 @@ fn lamps() -> Vec<(String, Due, Change)> {
         (0.5, 0.6, Due::Reference),
         (1.0, 0.6, Due::Reference),
         (2.0, 0.6, Due::Reference),
-        (1.0, 1.6, Due::Picture),
+        (1.0, 1.6, Due::Reference),
         (1.0, 2.5, Due::Picture),
     ] {
         add(
