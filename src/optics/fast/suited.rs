@@ -157,16 +157,18 @@ pub(super) fn lights_clear_of_face(
     for (light, middle) in lights.iter().filter_map(|light| Some((light, Lamp::new(light)?.center))) {
         let beside = middle.truncate().clamp(low, high);
         let gap_mm = middle.z - face(beside);
-        let least_mm = match (lies_flat(&light.shape), view.sees(middle)) {
-            (false, _) => CLEAR_MM,
-            (true, true) => CLEAR_FLAT_MM,
-            (true, false) => CLEAR_UNSEEN_MM,
+        let across = middle.truncate();
+        let from_rim_mm = (across - low).min(high - across).min_element();
+        let least_mm = match lies_flat(&light.shape) {
+            false => CLEAR_MM,
+            true if from_rim_mm < BY_WALL_MM && !view.sees(middle) => CLEAR_BY_WALL_MM,
+            true => CLEAR_FLAT_MM,
         };
         if beside.distance(middle.truncate()) < BESIDE_PAD_MM && gap_mm < least_mm {
             let value = format!("{:?}, whose middle is {gap_mm:.2} mm over the pad", light.name);
             let wanted = format!(
                 "lights whose middle is {CLEAR_MM} mm or more over the pad ({CLEAR_FLAT_MM} mm where they lie flat, \
-                 {CLEAR_UNSEEN_MM} mm if that is beyond the view) only"
+                 {CLEAR_BY_WALL_MM} mm if that is by a wall beyond the view) only"
             );
             return Err(unsupported("lights", &value, &wanted));
         }
@@ -188,11 +190,13 @@ fn lies_flat(shape: &LightShape) -> bool {
 /// 0.14, 0.22 and 0.4 mm over the face, pictures are 3.5, 1.5 and 0.3 % off, and of one at 0.57 mm still 1.6 % where a punch of 1.5 mm
 /// stands before it.
 const CLEAR_MM: f32 = 0.65;
-/// The same of lights that lie flat, in the view: what falls on the face below them is seen, and what is sent on from there is little beside.
+/// The same of lights that lie flat.
 const CLEAR_FLAT_MM: f32 = 1.5;
-/// The same beyond the view, where a picture is lit by little else than what is sent on. Of one of 0.8 mm beside a wall, 0.6 and 1.6 mm
-/// over the face, pictures are 5 and 7 % off, and 6 % where it shines up from 0.5 mm; at this height they are as right as they say.
-const CLEAR_UNSEEN_MM: f32 = 2.5;
+/// The same by a wall beyond the view, where a picture is lit by little else than what wall and pad send to and fro. Of one of 0.8 mm, 0.6
+/// and 1.6 mm over the face, pictures are 5 and 7 % off, and 6 % where it shines up from 0.5 mm; at this height they are as right as they say.
+const CLEAR_BY_WALL_MM: f32 = 2.5;
+/// Lights so near the pad's rim stand by a wall, mm.
+const BY_WALL_MM: f32 = 2.5;
 /// Lights so far beside the pad are as near to it as over it, mm.
 const BESIDE_PAD_MM: f32 = 1.0;
 
