@@ -372,15 +372,16 @@ fn bounces(ball: &Trial, tolerance: f64, clock: &Clock) -> Result<[Effect; 2], E
         s.surfaces[0].material = Material::Lambert { albedo: Albedo::Constant(Vec3::ZERO) };
     });
     let single = ball.clone().changed(|s| s.max_events = 1);
-    let effect = |what: &str, trial: &Trial| {
+    type Apart = fn(&Film, &Film) -> Option<f64>;
+    let effect = |what: &str, trial: &Trial, apart: Apart| {
         let once = fast::Precomputed::new(&trial.untouched)?;
         let renderer = || fast::Renderer::new(&once, &trial.scene, tolerance);
-        clock.compare(what, || Ok(renderer()?.render()), || Ok(renderer()?.bouncing().render()), |_, _| None)
+        clock.compare(what, || Ok(renderer()?.render()), || Ok(renderer()?.bouncing().render()), apart)
     };
     // (What bounces is a second event: where that is one too many, the picture with it is another.)
     Ok([
-        effect("the bounce on a pad that reflects nothing", &black)?,
-        effect("the bounce where light is scattered once", &single)?,
+        effect("the bounce on a pad that reflects nothing", &black, |a, b| Some(a.relative_rmse(b)))?,
+        effect("the bounce where light is scattered once", &single, |_, _| None)?,
     ])
 }
 

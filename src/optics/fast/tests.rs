@@ -256,6 +256,12 @@ fn what_is_skipped_changes_nothing_and_other_colours_need_nothing_anew() {
     let film = renderer().render();
     let error = renderer().thorough().render().relative_rmse(&film);
     assert!(error < 1e-3, "{error}");
+    let mut black = scene.clone();
+    black.surfaces[0].material = Material::Lambert { albedo: crate::optics::Albedo::grey(0.0) };
+    let once = Precomputed::new(&flat(&black)).unwrap();
+    let renderer = || Renderer::new(&once, &black, 0.005).unwrap();
+    let bounced = renderer().bouncing().render().relative_rmse(&renderer().render());
+    assert!(bounced < 1e-6, "{bounced}");
     let mut other = scene.clone();
     other.lights.iter_mut().for_each(|l| l.radiance = Vec3::new(l.radiance.y, 0.0, 3.0));
     let radiances: Vec<Vec3> = other.lights.iter().map(|l| l.radiance).collect();
