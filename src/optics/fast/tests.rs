@@ -258,9 +258,9 @@ fn what_is_skipped_changes_nothing_and_other_colours_need_nothing_anew() {
     assert!(error < 1e-3, "{error}");
     let mut black = scene.clone();
     black.surfaces[0].material = Material::Lambert { albedo: crate::optics::Albedo::grey(0.0) };
-    let once = Precomputed::new(&flat(&black)).unwrap();
-    let renderer = || Renderer::new(&once, &black, 0.005).unwrap();
-    let bounced = renderer().bouncing().render().relative_rmse(&renderer().render());
+    let once_black = Precomputed::new(&flat(&black)).unwrap();
+    let of_black = || Renderer::new(&once_black, &black, 0.005).unwrap();
+    let bounced = of_black().bouncing().render().relative_rmse(&of_black().render());
     assert!(bounced < 1e-6, "{bounced}");
     let mut other = scene.clone();
     other.lights.iter_mut().for_each(|l| l.radiance = Vec3::new(l.radiance.y, 0.0, 3.0));
