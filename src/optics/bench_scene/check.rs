@@ -1,0 +1,94 @@
+//! What is wrong with the numbers of a file.
+
+use super::file::{PadFile, SceneFile};
+use super::{IN_ORDER, fault};
+use crate::optics::Error;
+
+/// Most pixels along an edge of the picture.
+const MOST_PX: usize = 16_384;
+
+/// A light's normal is that of its sides if their triple product, 1 where all are as they should be, is above this.
+const LEAST_FACING: f32 = 0.99;
+
+impl SceneFile {
+    /// What is wrong with its numbers, the first of all: key, value, what is allowed, and the next move.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let Self { elastomer: pad, walls, camera, .. } = self;
+        let ranges = [("elastomer.x_range", pad.x_range), ("elastomer.y_range", pad.y_range)];
+        let sides = [("box.x", walls.x), ("box.y", walls.y), ("box.z", walls.z)];
+        let sides = sides.map(|(key, range)| (key, range.map(f64::from)));
+        if let Some((key, [low, high])) = ranges.into_iter().chain(sides).find(|(_, [low, high])| low >= high)
+        {
+            return Err(fault(
+                format!("{key} = [{low}, {high}]: the first number is below the second"),
+                IN_ORDER,
+            ));
+        }
+        let PadFile { radius, rc, .. } = *pad;
+        if radius <= 0.0 || !(0.0..=radius).contains(&rc) {
+            return Err(fault(
+                format!(
+                    "elastomer.R = {radius} and rc = {rc}: the ball's radius R is above 0, that of its contact rc from 0 to R"
+                ),
+                "choose R in mm, and for rc where the pad parts from the ball",
+            ));
+        }
+        let [width, height] = camera.res;
+        if [width, height].iter().any(|n| !(1..=MOST_PX).contains(n)) {
+            return Err(fault(
+                format!("camera.res = [{width}, {height}]: each is from 1 to {MOST_PX}"),
+                "choose columns and rows of the picture, e.g. [640, 480]; `--size` changes them for one picture",
+            ));
+        }
+        for light in &self.lights {
+            let name = &light.name;
+            for (key, size) in [("size_u_mm", light.size_u_mm), ("size_v_mm", light.size_v_mm)] {
+                if size <= 0.0 {
+                    return Err(fault(
+                        format!("{key} = {size} of light \"{name}\": it is above 0"),
+                        "choose the light's full extent along that side, in mm; to turn it off give it the radiance [0, 0, 0]",
+                    ));
+                }
+            }
+            let facing = light.u_dir.cross(light.v_dir).dot(light.normal).abs();
+            if facing.is_nan() || facing < LEAST_FACING {
+                return Err(fault(
+                    format!(
+                        "normal = {} of light \"{name}\": it points to either side of its u_dir and v_dir, which are {} and {}",
+                        light.normal, light.u_dir, light.v_dir
+                    ),
+                    "choose three unit vectors at right angles, the normal towards what it lights",
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Variant, parse};
+
+    #[test]
+    fn numbers_that_make_no_scene_are_named_by_their_keys() {
+        let text = include_str!("../../../tests/data/optics/tactile-bench-1.json");
+        let told = |change: fn(&mut serde_json::Value)| {
+            let mut file: serde_json::Value = serde_json::from_str(text).expect("the scene");
+            change(&mut file);
+            parse(&file.to_string(), Variant::Ac).expect_err("no scene").to_string()
+        };
+        for (told, named) in [
+            (
+                told(|f| f["camera"]["res"] = serde_json::json!([1_000_000, 480])),
+                "camera.res = [1000000, 480]",
+            ),
+            (told(|f| f["box"]["x"] = serde_json::json!([10.0, -10.0])), "box.x = [10, -10]"),
+            (told(|f| f["elastomer"]["R"] = serde_json::json!(-4.0)), "elastomer.R = -4"),
+            (told(|f| f["elastomer"]["rc"] = serde_json::json!(99.0)), "rc = 99"),
+            (told(|f| f["lights"][0]["size_u_mm"] = serde_json::json!(-9.0)), "size_u_mm = -9 of light"),
+            (told(|f| f["lights"][1]["normal"] = serde_json::json!([0.0, 0.0, 0.0])), "normal = [0, 0, 0]"),
+        ] {
+            assert!(told.contains(named), "{told}");
+        }
+    }
+}
