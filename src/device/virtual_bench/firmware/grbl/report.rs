@@ -6,6 +6,7 @@
 
 use super::super::motors::Motors;
 use super::program::Program;
+use super::{Grbl, State};
 
 /// Counters of the rare fields.
 #[derive(Debug, Clone, Default)]
@@ -116,6 +117,44 @@ impl Status<'_> {
             line += "|TLR:0";
         }
         line + ">"
+    }
+}
+
+impl Grbl {
+    pub(super) fn report_status(&mut self, full: bool) {
+        let state = match self.state {
+            State::Idle => "Idle",
+            State::Alarm => "Alarm",
+            State::Check => "Check",
+            State::Run => "Run",
+            State::Hold { rests } if self.t < rests => "Hold:1",
+            State::Hold { .. } => "Hold:0",
+            State::Jog { .. } => "Jog",
+            State::Home => "Home",
+            State::Sleep => "Sleep",
+        };
+        let busy = matches!(self.state, State::Run | State::Hold { .. } | State::Jog { .. } | State::Home);
+        if full {
+            self.cadence = Cadence::after_reset(true);
+            self.cadence.offset_changed();
+        }
+        let machine: Vec<f64> =
+            self.motors.iter().zip(self.motors.positions(self.t)).map(|(m, x)| m.snap(x)).collect();
+        let homed = self.motors.iter().all(|m| m.referenced);
+        let line = Status {
+            state,
+            machine: &machine,
+            offset: &self.program.offset(),
+            mask: self.settings.number(10) as u32,
+            free: (self.planner.free(), self.spec.rx_bytes.saturating_sub(self.rx.len())),
+            speed: self.motors.speed(self.t) * 60.0,
+            feed_override: self.feed_override,
+            rapid_override: self.rapid_override,
+            rare: self.cadence.next(busy),
+            hal: self.spec.hal.then(|| (self.settings.is_on(22), homed)),
+        }
+        .render();
+        self.say(&line);
     }
 }
 
