@@ -3,11 +3,12 @@
 use super::elevation::{own_plane, weight};
 use super::row::{Horizons, ahead};
 use super::sender::Sender;
-use super::{Cells, DIRECTIONS, Unseen, Untouched};
+use super::{Cells, DIRECTIONS, Unseen, Untouched, nearest};
 use crate::optics::fast::echo;
 use crate::optics::fast::horizon::Stand;
-use crate::optics::fast::lanes::{Eight, Vectors, WIDTH, Work, lanes};
+use crate::optics::fast::lanes::{Eight, Vectors, WIDTH, Work, lanes, with_widest};
 use glam::Vec3;
+use rayon::prelude::*;
 
 /// Horizons are followed from here upwards, as a slope.
 const LOWEST: f32 = -10.0;
@@ -73,6 +74,28 @@ fn horizon_of<'a>(
     }));
     let risen = (plane.max(Eight::all(LOWEST)) + Eight::all(1e-4)).below(highest);
     [risen.choose(highest, plane), risen.choose(weight(highest, along, normal.z), own)]
+}
+
+impl Cells<'_> {
+    /// Adds what is sent by what is not seen, as from the nearest cell of the picture.
+    pub(super) fn send_unseen(&self, untouched: Untouched<'_>, sent: &mut [Vec3]) {
+        let films = self.lights.len();
+        let of_cells = self.unseen.par_chunks(WIDTH).enumerate();
+        let of_cells: Vec<Sent> = of_cells
+            .map(|(chunk, unseen)| {
+                with_widest(Hidden { cells: self, first: chunk * WIDTH, unseen, untouched })
+            })
+            .collect();
+        let columns = self.size[0].div_ceil(self.sending);
+        for (cell, of_films) in self.unseen.iter().zip(of_cells.iter().flat_map(|of| of.chunks_exact(films)))
+        {
+            let [i, j] = nearest([self.size[0], self.rows], cell.at).map(|n| n / self.sending);
+            for (film, of_film) in of_films.iter().enumerate() {
+                let to = &mut sent[((j * columns + i) * films + film) * echo::DIRECTIONS..];
+                to.iter_mut().zip(of_film).for_each(|(to, more)| *to += *more);
+            }
+        }
+    }
 }
 
 #[inline(always)]
