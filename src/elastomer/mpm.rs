@@ -73,6 +73,10 @@ const MOST_UNEXPLAINED: f64 = 1.0;
 /// outside; a cell inside, the nodes of a kernel of radius 1.5 belong to the indenter's points alone and none is left
 /// that could push the face back.
 const DEEPEST_CELLS: f64 = 1.0;
+/// How much wider than where it is narrowest the gap over a contact may be, cells.
+const SPREAD_OF_GAP: f64 = 0.3;
+/// Further than this from the indenter, in cells, nothing is touched.
+const MOST_REACH: f64 = 2.0;
 
 /// Momentum exchanged in one step, solver's units.
 #[derive(Debug, Clone, Copy, Default)]
@@ -386,9 +390,11 @@ impl Elastomer for ExplicitSolver {
             .par_iter()
             .map(|p| self.indenter.distance(self.pose.to_indenter(p.as_dvec3())))
             .collect();
-        self.check_state(distance_mm.iter().copied().fold(f64::INFINITY, f64::min))?;
+        let nearest_mm = distance_mm.iter().copied().fold(f64::INFINITY, f64::min);
+        self.check_state(nearest_mm)?;
         let scheme = &self.body.scheme;
-        let contact: Vec<bool> = distance_mm.iter().map(|d| *d <= scheme.dx_mm).collect();
+        let reach_mm = reach_mm(nearest_mm, scheme.dx_mm);
+        let contact: Vec<bool> = distance_mm.iter().map(|d| *d <= reach_mm).collect();
         let contact_area_mm2 = surface.seen_mm2(&contact);
         let (kinetic, elastic) = self.energies_n_mm();
         let forces = ContactForces {
@@ -420,6 +426,12 @@ impl Elastomer for ExplicitSolver {
     fn fork(&self) -> Box<dyn Elastomer> {
         Box::new(self.clone())
     }
+}
+
+/// How far from the indenter the face is still touched, mm: grids carry pressure across a gap, mostly of 0.6 to 0.7 cells, and of more than
+/// one where the pad is nearly incompressible.
+fn reach_mm(nearest_mm: f64, dx_mm: f64) -> f64 {
+    (nearest_mm + SPREAD_OF_GAP * dx_mm).clamp(dx_mm, MOST_REACH * dx_mm)
 }
 
 #[cfg(test)]

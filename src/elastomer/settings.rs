@@ -59,16 +59,22 @@ impl Serialize for Friction {
     }
 }
 
+impl Friction {
+    /// Largest coefficient. Found by experiment: a sphere of radius 4 mm, 0.3 mm deep and dragged by 1 mm with a coefficient of 10, drags
+    /// by up to 10 % otherwise in other waypoints and states 0.3 %; with 2 a slide of 5 mm loses its symmetry.
+    pub const MOST: f64 = 1.0;
+}
+
 impl<'de> Deserialize<'de> for Friction {
     fn deserialize<D: serde::Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
         struct Visitor;
         impl serde::de::Visitor<'_> for Visitor {
             type Value = Friction;
             fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                f.write_str("a friction coefficient (0 or more) or \"infinite\"")
+                f.write_str("a friction coefficient (0 to 1) or \"infinite\"")
             }
             fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<Friction, E> {
-                if v.is_finite() && v >= 0.0 {
+                if (0.0..=Friction::MOST).contains(&v) {
                     Ok(Friction::Coefficient(v))
                 } else {
                     Err(E::invalid_value(serde::de::Unexpected::Float(v), &self))
@@ -199,6 +205,18 @@ mod tests {
         }
         for mode in [Mode::Mpm, Mode::Impm, Mode::QuasiStatic] {
             assert_eq!(serde_json::to_value(mode).expect("a word"), mode.name());
+        }
+    }
+
+    #[test]
+    fn friction_is_a_coefficient_up_to_one_or_infinite() {
+        let read = |value: serde_json::Value| serde_json::from_value::<Friction>(value);
+        assert_eq!(read(1.into()).ok(), Some(Friction::Coefficient(1.0)));
+        assert_eq!(read(0.5.into()).ok(), Some(Friction::Coefficient(0.5)));
+        assert_eq!(read("infinite".into()).ok(), Some(Friction::Infinite));
+        for value in [serde_json::Value::from(1.5), (-0.1).into(), "none".into()] {
+            let told = read(value).expect_err("out of range").to_string();
+            assert!(told.contains("(0 to 1) or \"infinite\""), "{told}");
         }
     }
 }

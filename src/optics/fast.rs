@@ -84,8 +84,8 @@ use radiosity::Radiosity;
 pub use renderer::Renderer;
 use source::{Lamp, Source};
 use suited::{
-    coarse, fine_camera, lattice_of, lights_clear_of_face, lights_off_face, lit_from_within, nothing_within,
-    pad_of, sources_of, unsupported, without_pad_mesh,
+    coarse, fine_camera, lattice_of, lights_clear_of_camera, lights_clear_of_face, lights_off_face,
+    lit_from_within, nothing_within, pad_of, sources_of, unsupported, without_pad_mesh,
 };
 use view::View;
 use world::World;
@@ -211,6 +211,7 @@ impl Precomputed {
         lit_from_within(untouched, [low, high], rest)?;
         let view = View::new(&fine_camera(untouched)?, slab);
         lights_clear_of_face(&untouched.lights, pad, &view, [low, high], rest)?;
+        lights_clear_of_camera(&untouched.lights, &untouched.camera)?;
         eclipse::none(&untouched.lights, &sources, [low, high], rest)?;
         // (Beside a level face walls are parted, and light finds its own way.)
         let level = parted::level_of(untouched);

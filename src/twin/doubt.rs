@@ -36,9 +36,9 @@ fn of(stats: &SolverStats, slid: bool, tolerance: f64) -> Option<String> {
         ));
     }
     match stats.estimated_error {
-        Some(stated) if stated > tolerance => Some(format!(
+        Some(stated) if shown(stated) > shown(tolerance) => Some(format!(
             "the pad's surface is stated to be off by {:.2} % of the depth, above the {:.2} % asked for; round edges more{} or \
-             lower elastomer.tolerance, which takes finer cells",
+             lower elastomer.tolerance, which takes finer cells as far as there are any",
             100.0 * stated,
             100.0 * tolerance,
             if slid { ", slide or turn less far," } else { "" }
@@ -52,6 +52,11 @@ fn of(stats: &SolverStats, slid: bool, tolerance: f64) -> Option<String> {
     }
 }
 
+/// A part as it is shown, in hundredths of a percent.
+fn shown(part: f64) -> f64 {
+    (1e4 * part).round()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -63,6 +68,8 @@ mod tests {
         let of = |stats: &SolverStats, tolerance| super::of(stats, true, tolerance);
         assert_eq!(of(&stats(Some(0.009), 0.9), 0.01), None);
         assert_eq!(of(&stats(None, 0.05), 0.01), None);
+        assert_eq!(of(&stats(Some(0.010_04), 0.0), 0.01), None, "1.00 % is no more than 1.00 %");
+        assert!(of(&stats(Some(0.010_06), 0.0), 0.01).is_some());
         let told = of(&stats(Some(0.023), 0.0), 0.01).unwrap();
         assert!(told.contains("2.30 %") && told.contains("1.00 %"), "{told}");
         // Of slides only where there was one.

@@ -31,7 +31,7 @@ pub struct Args {
     #[arg(long, default_value_t = 1, value_parser = options::whole(0..=u64::MAX))]
     pub seed: u64,
     /// Run this case alone, with all its checks
-    #[arg(long, value_parser = options::whole(0..=u32::MAX))]
+    #[arg(long, conflicts_with = "family", value_parser = options::whole(0..=u32::MAX))]
     pub only: Option<u32>,
     /// Of the cases run only this family (press, slide, turn, layer, finer, mirror, repeat, cycles, border, scale, shape, thin, explicit, long, hostile)
     #[arg(long, value_parser = family)]

@@ -119,7 +119,8 @@ pub fn check(pad: &Pad, settings: &Settings) -> Result<(), Error> {
     within("pad.size_y_mm", pad.size_y_mm, [1.0, 200.0], " mm")?;
     within("pad.thickness_mm", pad.thickness_mm, [0.1, 50.0], " mm")?;
     if let Friction::Coefficient(mu) = settings.friction {
-        within("elastomer.friction", mu, [0.0, 10.0], "")?;
+        let next = "set elastomer.friction = \"infinite\" for a face that sticks, or choose a coefficient in that range";
+        range("elastomer.friction", mu, [0.0, Friction::MOST], "", next)?;
     }
     let furthest = match pad.shape {
         PadShape::Cylinder { .. } => pad.size_x_mm / 2.0,

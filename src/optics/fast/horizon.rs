@@ -114,8 +114,21 @@ impl Heights {
     pub fn at(&self, p: Vec2) -> f32 {
         let q = (p - self.low) / self.cell;
         let most = Vec2::new(self.size[0] as f32, self.size[1] as f32) - 1.51;
-        let z = self.height(q.min(most).max(Vec2::splat(0.5)));
-        if z.is_finite() { z } else { self.highest }
+        let q = q.min(most).max(Vec2::splat(0.5));
+        let z = self.height(q);
+        if z.is_finite() { z } else { self.nearest([q.x as usize, q.y as usize]) }
+    }
+
+    /// Height of the pad in the cells nearest to one without any of it, as where its edge has drawn in.
+    fn nearest(&self, [i, j]: [usize; 2]) -> f32 {
+        let within = |at: usize, reach: usize, n: usize| at.saturating_sub(reach)..(at + reach + 1).min(n);
+        let highest = |reach: usize| {
+            let rows = within(j, reach, self.size[1]).map(|row| &self.z[row * self.size[0]..]);
+            rows.flat_map(|row| &row[within(i, reach, self.size[0])])
+                .copied()
+                .fold(f32::NEG_INFINITY, f32::max)
+        };
+        (1..self.size[0].max(self.size[1])).map(highest).find(|z| z.is_finite()).unwrap_or(self.highest)
     }
 
     /// Whether more than a corner of the pad stands on a sharp rim.
@@ -428,6 +441,23 @@ mod tests {
             assert_eq!(horizon(5.0, 1.0), 0.01);
             assert!((horizon(5.0, -1.0) - 1.0 / 2.8).abs() < 0.04, "{cell} {}", horizon(5.0, -1.0));
             assert_eq!(heights.at(Vec2::new(5.0, 3.0)), 0.0);
+        }
+    }
+
+    #[test]
+    fn beside_an_edge_that_has_drawn_in_the_pad_is_as_high_as_its_edge() {
+        // Corners reach further than sides, and the middle is pressed.
+        let n = 101;
+        let at = |k: usize| {
+            let (x, y) = ((k % n) as f32 * 0.2 - 10.0, (k / n) as f32 * 0.2 - 10.0);
+            let drawn_in = 1.0 - 0.1 * (1.0 - (y / 10.0).powi(2));
+            Vec3::new(x * drawn_in, y, if x.hypot(y) < 3.0 { 1.0 } else { 0.1 })
+        };
+        let positions: Vec<Vec3> = (0..n * n).map(at).collect();
+        let heights = Heights::new(&positions, [n, n], 0.2);
+        for place in [Vec2::new(9.9, 0.0), Vec2::new(-9.9, 0.5), Vec2::new(12.0, 0.0)] {
+            assert!(!heights.height((place - heights.low) / heights.cell).is_finite(), "{place}");
+            assert!((heights.at(place) - 0.1).abs() < 1e-6, "{place}: {}", heights.at(place));
         }
     }
 

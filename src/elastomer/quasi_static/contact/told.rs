@@ -98,4 +98,10 @@ impl Contacts {
     pub fn touching_points(&self) -> impl Iterator<Item = DVec3> + '_ {
         self.samples.iter().filter(|s| s.pressure > 0.0).map(|s| s.rest)
     }
+
+    /// How far from the indenter's axis the furthest point that touches is, mm; 0 where none does.
+    pub fn furthest_from_axis_mm(&self) -> f64 {
+        let touching = self.samples.iter().filter(|s| s.pressure > 0.0);
+        touching.map(|s| s.seen.truncate().length()).fold(0.0, f64::max)
+    }
 }

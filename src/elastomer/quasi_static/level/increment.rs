@@ -3,7 +3,7 @@
 use super::super::newton::{Outcome, Problem, State, Strain};
 use super::super::slip::Account;
 use super::super::symmetry;
-use super::way::{along_face, drags, way_between};
+use super::way::{drags, way_between};
 use super::wear::torn;
 use super::{LEAST_DEPTH_MM, Level};
 use crate::indenter::Indenter;
@@ -98,7 +98,7 @@ impl Level {
                 }
                 self.at.last = (!saved.at_rest).then_some((saved.u, way));
                 self.at.at_rest = false;
-                self.at.dragged_mm += along_face(&way);
+                self.at.dragged_mm += self.dragged_by(&way);
                 self.at.worn = worn;
                 self.at.outcome = Some(outcome);
                 self.at.pose = *pose;

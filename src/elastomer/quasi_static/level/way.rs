@@ -5,9 +5,17 @@ use crate::pose::Pose;
 /// Less than this is one minus the cosine of no corner.
 const STRAIGHT: f64 = 1e-9;
 
+/// What a degree counts as, mm.
+const DEGREE_MM: f64 = 0.05;
+
 /// The way from one pose to another as four numbers, a degree counting as 0.05 mm.
 pub(super) fn way_between(a: &Pose, b: &Pose) -> [f64; 4] {
-    [b.x_mm - a.x_mm, b.y_mm - a.y_mm, b.z_mm - a.z_mm, 0.05 * (b.theta_deg - a.theta_deg)]
+    [b.x_mm - a.x_mm, b.y_mm - a.y_mm, b.z_mm - a.z_mm, DEGREE_MM * (b.theta_deg - a.theta_deg)]
+}
+
+/// How far a way turns, radians.
+pub(super) fn turn_of(way: &[f64; 4]) -> f64 {
+    (way[3] / DEGREE_MM).to_radians()
 }
 
 /// How much of a way leads along the face, turns counted in.

@@ -2,7 +2,7 @@
 
 use super::super::resolution::LONGEST_INCREMENT_MM;
 use super::Level;
-use super::way::{along_face, way_between};
+use super::way::{turn_of, way_between};
 use crate::indenter::Indenter;
 use crate::pose::Pose;
 
@@ -22,6 +22,9 @@ const MOST_IDLE: f64 = 0.05;
 pub(super) const HELD_OVER_DEPTH: f64 = 2.0;
 /// See [`HELD_OVER_DEPTH`].
 const HELD_MM: f64 = 1.0;
+/// A turn is as long along the face as the way of the contact's furthest point, but no longer than that of a point so far from the
+/// axis, mm. Found by experiment: a crescent that sticks, whose tips are further away, turns on by 45 degrees with this.
+const LONGEST_ARM_MM: f64 = 2.865;
 /// Wear with which what sticks begins to tear, and with which it is loose.
 const TEARS: [f64; 2] = [1.0, 2.0];
 /// Wear that is added where no equilibrium is found for what holds.
@@ -59,7 +62,13 @@ impl Level {
     /// How worn the contact is after a way to `pose`.
     pub(super) fn worn_after(&self, indenter: &dyn Indenter, pose: &Pose, way: &[f64; 4]) -> f64 {
         let held_mm = HELD_MM.max(HELD_OVER_DEPTH * self.at.contacts.depth_mm(indenter, pose));
-        self.at.worn + along_face(way) / held_mm
+        self.at.worn + self.dragged_by(way) / held_mm
+    }
+
+    /// How far along the face what touches goes on a way, mm.
+    pub(super) fn dragged_by(&self, way: &[f64; 4]) -> f64 {
+        let arm_mm = self.at.contacts.furthest_from_axis_mm().min(LONGEST_ARM_MM);
+        way[0].hypot(way[1]).hypot(arm_mm * turn_of(way))
     }
 
     /// Tears loose some of what sticks and finds no equilibrium; whether there was any.

@@ -242,6 +242,26 @@ fn during_a_solve_no_point_jumps_from_one_side_of_the_indenter_to_another() {
     assert!(last.is_some_and(|force| force.z < -1.0), "{last:?}");
 }
 
+/// A turn takes a small contact no further along the face than its rim goes.
+#[test]
+fn what_sticks_is_turned_in_proportion_until_its_rim_has_gone_its_way() {
+    // (A contact of radius 1.4 mm: 30 degrees are 0.72 mm, of 1 mm that hold, and twice the depth is 0.6 mm.)
+    let start = Pose::new(0.0, 0.0, 0.3, 0.0);
+    let coarse = Settings { tolerance: 0.02, ..settings(Friction::Infinite) };
+    let sphere = Arc::new(Sphere(5.0));
+    let mut s =
+        QuasiStaticSolver::new(&pad(Law::NeoHookean), &coarse, sphere, &start).expect("settings in range");
+    s.advance(&Pose { z_mm: -0.3, ..start }).expect("an easy press");
+    let mut torque_n_mm = |theta_deg: f64| {
+        s.advance(&Pose::new(0.0, 0.0, -0.3, theta_deg)).expect("an easy turn");
+        let capture = s.capture(101, 101).expect("a lattice");
+        assert!(capture.stats.held > Some(0.8), "{theta_deg} degrees: {:?}", capture.stats.held);
+        -capture.forces.torque_n_mm
+    };
+    let [a_little, far] = [5.0, 30.0].map(&mut torque_n_mm);
+    assert!((5.6..6.4).contains(&(far / a_little)), "{a_little} N mm, then {far}");
+}
+
 /// Torque, N mm, of a body that is pressed so deep into the usual pad and turned by 15 degrees, as captured on 201 x 201 points.
 fn turned(body: Arc<dyn Indenter>, depth_mm: f64, tolerance: f64) -> f64 {
     let settings = Settings { tolerance, ..settings(Friction::Infinite) };

@@ -1,6 +1,8 @@
 //! Presses and small drags against finite elements and closed forms.
 
 use super::*;
+use crate::indenter::spec::Shape;
+use crate::indenter::{IndenterSpec, from_spec};
 
 /// Converged finite elements: frictionless sphere R 4, d 0.25 mm, fixed-corotated, E 0.145, nu 0.45.
 /// Columns: r, height, rest radius, u_r, u_theta, u_z (mm, um).
@@ -115,8 +117,13 @@ fn tangential_and_torsional_stiffness_follow_the_half_space_and_the_layer_is_sti
 
 /// Normal force, N, of a body pressed so deep into the usual pad, as captured on 201 x 201 points.
 fn force_n(body: &Arc<dyn Indenter>, law: Law, friction: Friction, depth_mm: f64) -> f64 {
+    force_of_pad_n(&pad(law), body, friction, depth_mm)
+}
+
+/// The same of a pad.
+fn force_of_pad_n(pad: &Pad, body: &Arc<dyn Indenter>, friction: Friction, depth_mm: f64) -> f64 {
     let start = Pose::new(0.0, 0.0, 0.3, 0.0);
-    let mut s = QuasiStaticSolver::new(&pad(law), &settings(friction), body.clone(), &start).unwrap();
+    let mut s = QuasiStaticSolver::new(pad, &settings(friction), body.clone(), &start).unwrap();
     s.advance(&Pose { z_mm: -depth_mm, ..start }).expect("an easy press");
     s.capture(201, 201).expect("a lattice").forces.normal_force_n
 }
@@ -155,6 +162,28 @@ fn presses_are_as_hard_as_by_axisymmetric_finite_elements() {
         assert!(
             (found_n / truth_n - 1.0).abs() < 0.01,
             "{name}, {law:?}, {friction:?}, {depth_mm} mm: {found_n} N instead of {truth_n}"
+        );
+    }
+    for (poisson_ratio, friction, truth_n) in
+        [(0.40, free, 0.23512), (0.49, free, 0.27480), (0.40, stuck, 0.23545), (0.49, stuck, 0.27898)]
+    {
+        let mut pad = pad(fc);
+        pad.material.poisson_ratio = poisson_ratio;
+        let found_n = force_of_pad_n(&pad, &sphere, friction, 0.5);
+        assert!(
+            (found_n / truth_n - 1.0).abs() < 0.01,
+            "nu {poisson_ratio}, {friction:?}: {found_n} N instead of {truth_n}"
+        );
+    }
+    // A cap of radius 20 mm, 16 mm across.
+    let shape = Shape::Dome { radius_mm: 20.0, diameter_mm: 16.0 };
+    let spec = IndenterSpec { description: String::new(), edge_round_mm: 0.3, height_mm: 8.0, shape };
+    let cap = from_spec("cap", &spec, None).expect("a body");
+    for (friction, truth_n) in [(free, 1.1135), (stuck, 1.1540)] {
+        let found_n = force_n(&cap, fc, friction, 0.5);
+        assert!(
+            (found_n / truth_n - 1.0).abs() < 0.01,
+            "cap, {friction:?}: {found_n} N instead of {truth_n}"
         );
     }
 }

@@ -53,6 +53,26 @@ fn profiles_count_in_what_comes_by_way_of_walls_and_plate() {
 }
 
 #[test]
+fn a_lamp_at_the_camera_is_left_to_the_reference() {
+    // One 4 mm wide looks down from so far before the camera, and so far beside it.
+    let with_lamp = |at_mm: Vec3| {
+        let mut scene = scene(Variant::Ac, |_, _| 0.0);
+        let center = scene.camera.origin + at_mm;
+        let shape = LightShape::Rectangle { center, half_u: 2.0 * Vec3::X, half_v: -Vec3::Y };
+        scene.lights[0].shape = shape;
+        Precomputed::new(&scene)
+    };
+    for (at_mm, gap_mm) in [(Vec3::new(1.0, 0.5, -0.1), "0.10"), (Vec3::new(2.5, 0.0, -0.2), "0.54")] {
+        let told = with_lamp(at_mm).expect_err("a lamp before the camera").to_string();
+        assert!(
+            told.contains(&format!("{gap_mm} mm from the camera")) && told.contains("reference"),
+            "{told}"
+        );
+    }
+    assert!(with_lamp(Vec3::new(3.5, 0.0, -0.2)).is_ok());
+}
+
+#[test]
 fn tubes_have_their_profiles() {
     for power in [1.0, 4.0] {
         let mut scene = scene(Variant::Ac, |_, _| 0.0);

@@ -27,7 +27,7 @@ impl Walk<'_> {
             return;
         }
         let normal = f.normal_force_n.abs().max(least);
-        self.checks.hold("balance", (stats.base_reaction_n - f.normal_force_n).abs() / normal, 0.01);
+        self.checks.hold("balance", (stats.base_reaction_n - f.normal_force_n).abs() / normal, 1e-3);
         self.checks.hold("pull, N", -f.normal_force_n, least);
         self.checks.hold("negative energy, N mm", -stats.elastic_energy_n_mm, 0.01 * least);
 
