@@ -393,7 +393,8 @@ impl Elastomer for ExplicitSolver {
         let nearest_mm = distance_mm.iter().copied().fold(f64::INFINITY, f64::min);
         self.check_state(nearest_mm)?;
         let scheme = &self.body.scheme;
-        let reach_mm = reach_mm(nearest_mm, scheme.dx_mm);
+        let presses = self.mean_force(|f| f.on_pad[2]) != 0.0;
+        let reach_mm = if presses { reach_mm(nearest_mm, scheme.dx_mm) } else { scheme.dx_mm };
         let contact: Vec<bool> = distance_mm.iter().map(|d| *d <= reach_mm).collect();
         let contact_area_mm2 = surface.seen_mm2(&contact);
         let (kinetic, elastic) = self.energies_n_mm();
@@ -428,7 +429,7 @@ impl Elastomer for ExplicitSolver {
     }
 }
 
-/// How far from the indenter the face is still touched, mm: grids carry pressure across a gap, mostly of 0.6 to 0.7 cells, and of more than
+/// How far from an indenter that presses the face is still touched, mm: grids carry pressure across a gap, mostly of 0.6 to 0.7 cells, and of more than
 /// one where the pad is nearly incompressible.
 fn reach_mm(nearest_mm: f64, dx_mm: f64) -> f64 {
     (nearest_mm + SPREAD_OF_GAP * dx_mm).clamp(dx_mm, MOST_REACH * dx_mm)

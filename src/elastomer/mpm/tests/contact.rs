@@ -202,3 +202,11 @@ fn a_face_inside_the_indenter_is_told() {
         }
     }
 }
+
+#[test]
+fn what_is_pressed_across_a_wide_gap_is_touched_and_nothing_further_away() {
+    let reach = |nearest_cells: f64| reach_mm(0.2 * nearest_cells, 0.2) / 0.2;
+    for (nearest, reached) in [(0.6, 1.0), (1.2, 1.5), (3.0, 2.0)] {
+        assert!((reach(nearest) - reached).abs() < 1e-12, "{nearest}: {}", reach(nearest));
+    }
+}
