@@ -77,12 +77,13 @@ impl Args {
             screen::warning(format_args!("the picture of {} is black: {why}", self.scene.display()));
         }
         match rendered {
-            Ok(times) if times.meets_tolerance == Some(false) => {
-                let estimated = times.estimated_error.unwrap_or_default();
-                screen::warning(Notice::AboveTolerance { estimated, tolerance: self.tolerance() });
+            Ok(times) => {
+                if times.meets_tolerance == Some(false) {
+                    let estimated = times.estimated_error.unwrap_or_default();
+                    Notice::of_error(estimated, self.tolerance()).into_iter().for_each(screen::warning);
+                }
                 self.tell(&times)
             }
-            Ok(times) => self.tell(&times),
             Err((e, exit)) => {
                 screen::error(e);
                 exit

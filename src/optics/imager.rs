@@ -210,8 +210,8 @@ impl Imager {
                 let notice = Notice::PictureFellBack { why, samples, noise: estimated_error };
                 (Method::Reference(fallback), Some(notice))
             }
-            (method @ Method::Fast { tolerance, .. }, None, Some(estimated)) if estimated > tolerance => {
-                (method, Some(Notice::AboveTolerance { estimated, tolerance }))
+            (method @ Method::Fast { tolerance, .. }, None, Some(estimated)) => {
+                (method, Notice::of_error(estimated, tolerance))
             }
             (method, ..) => (method, None),
         };

@@ -169,11 +169,9 @@ impl QuasiStaticSolver {
         pose: &Pose,
         fallen_back: bool,
     ) -> Result<(), Error> {
-        let (true, None, Some(vain_mm)) = (ended.is_ok(), &self.unrefined, self.vain_mm) else {
-            return Ok(());
-        };
+        let (true, Some(vain_mm)) = (ended.is_ok(), self.vain_mm) else { return Ok(()) };
         let enough = match self.finest().straight_down() {
-            true if fallen_back => self.acceptable(),
+            true if fallen_back && self.unrefined.is_none() => self.acceptable(),
             false if self.pad.friction != Friction::Coefficient(0.0) => Some(UNRESOLVED),
             _ => None,
         };

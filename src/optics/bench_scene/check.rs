@@ -8,7 +8,7 @@ use crate::optics::Error;
 const MOST_PX: usize = 16_384;
 
 /// A light's normal is that of its sides if their triple product, 1 where all are as they should be, is above this.
-const LEAST_FACING: f32 = 0.99;
+const LEAST_FACING: f32 = 0.9999;
 
 impl SceneFile {
     /// What is wrong with its numbers, the first of all: key, value, what is allowed, and the next move.
@@ -50,7 +50,7 @@ impl SceneFile {
                     ));
                 }
             }
-            let facing = light.u_dir.cross(light.v_dir).dot(light.normal).abs();
+            let facing = light.u_dir.cross(light.v_dir).dot(light.normal.normalize_or_zero()).abs();
             if facing.is_nan() || facing < LEAST_FACING {
                 return Err(fault(
                     format!(
@@ -87,6 +87,8 @@ mod tests {
             (told(|f| f["elastomer"]["rc"] = serde_json::json!(99.0)), "rc = 99"),
             (told(|f| f["lights"][0]["size_u_mm"] = serde_json::json!(-9.0)), "size_u_mm = -9 of light"),
             (told(|f| f["lights"][1]["normal"] = serde_json::json!([0.0, 0.0, 0.0])), "normal = [0, 0, 0]"),
+            // Four degrees askew.
+            (told(|f| f["lights"][1]["normal"][2] = serde_json::json!(0.07)), "of its u_dir and v_dir"),
         ] {
             assert!(told.contains(named), "{told}");
         }

@@ -98,7 +98,18 @@ impl std::fmt::Display for Notice {
     }
 }
 
+/// A relRMSE as it is shown, in hundredths of a percent.
+fn shown(error: f64) -> f64 {
+    (1e4 * error).round()
+}
+
 impl Notice {
+    /// What to say of a picture that states such an error where another is asked for, if anything: nothing of a difference that does
+    /// not show.
+    pub fn of_error(estimated: f64, tolerance: f64) -> Option<Self> {
+        (shown(estimated) > shown(tolerance)).then_some(Notice::AboveTolerance { estimated, tolerance })
+    }
+
     /// What to say of a tolerance of the fast mode, if anything.
     pub fn of_tolerance(tolerance: f64) -> Option<Self> {
         let [finest, coarsest] = WORKED;
@@ -128,4 +139,17 @@ pub(super) fn clipped(image: &Background<'_>) -> Option<Notice> {
     let (black, white) = (part(0), part(u8::MAX));
     let notice = Notice::BackgroundClipped { part: black.max(white), white: white > black };
     (black.max(white) >= MUCH).then_some(notice)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_that_reads_as_the_one_asked_for_is_not_told() {
+        assert_eq!(Notice::of_error(0.00504, 0.005), None);
+        assert_eq!(Notice::of_error(0.004, 0.005), None);
+        let told = Notice::of_error(0.00506, 0.005).expect("a notice").to_string();
+        assert!(told.contains("0.51 %, above the 0.50 % asked for"), "{told}");
+    }
 }

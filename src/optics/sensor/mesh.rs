@@ -22,8 +22,8 @@ impl Default for MeshSpec {
     }
 }
 
-/// Fewest and most vertices along an edge.
-const VERTICES: [usize; 2] = [2, 8192];
+/// Fewest and most vertices along an edge: between too few of them a press has room to vanish.
+const VERTICES: [usize; 2] = [32, 8192];
 /// Most vertices in all unless more are asked for: a tree over their triangles takes about a gigabyte.
 const MOST_UNASKED: f64 = 4e6;
 
@@ -50,7 +50,7 @@ impl MeshSpec {
             p.push(
                 "vertices",
                 value,
-                "2 to 8192 each, or [0, 0]",
+                format!("{} to {} each, or [0, 0]", VERTICES[0], VERTICES[1]),
                 "use [0, 0] for a mesh as fine as the pixels",
             );
         }

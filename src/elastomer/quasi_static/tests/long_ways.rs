@@ -1,0 +1,138 @@
+//! Ways as long as those of the slip and the rotation experiment: slides of 5 mm, turns of 45 degrees.
+
+use super::*;
+use crate::indenter::{IndenterSpec, from_spec};
+
+/// A shipped body, its edges rounded as in the experiments.
+fn shipped(name: &str) -> Arc<dyn Indenter> {
+    let path = format!("{}/../../rig_configs/indenters/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{path}: {e}"));
+    let spec = IndenterSpec { edge_round_mm: 0.3, ..toml::from_str(&text).expect("a shipped file") };
+    from_spec(name, &spec, None).expect("a sound body")
+}
+
+/// A body that has been pressed 0.5 mm deep, coarsely, to be quick.
+fn pressed(name: &str, law: Law, friction: Friction, tolerance: f64) -> QuasiStaticSolver {
+    let settings = Settings { tolerance, ..settings(friction) };
+    let start = Pose::new(0.0, 0.0, 0.2, 0.0);
+    let mut s =
+        QuasiStaticSolver::new(&pad(law), &settings, shipped(name), &start).expect("settings are in range");
+    s.advance(&Pose { z_mm: -0.5, ..start }).expect("an easy press");
+    s
+}
+
+/// What a waypoint of a long way must be: balanced, whole, no deeper than the tip, no higher than what is pushed along.
+fn sound(s: &mut QuasiStaticSolver, told: &str) -> ContactForces {
+    let c = s.capture(81, 81).expect("a lattice");
+    let n = c.forces.normal_force_n;
+    assert!((c.stats.base_reaction_n - n).abs() < 1e-3 * n, "{told}: {n} N, {} N", c.stats.base_reaction_n);
+    let heights = c.surface.positions.iter().map(|p| p.z);
+    let (deepest, highest) = (heights.clone().fold(0.0, f32::min), heights.fold(0.0, f32::max));
+    assert!(deepest > -0.6 && highest < 0.3, "{told}: {deepest} to {highest} mm");
+    let stated = c.stats.estimated_error.expect("a contact");
+    assert!(stated < 0.15, "{told}: {stated} stated");
+    c.forces
+}
+
+/// Lets go, and sees that nothing is left.
+fn let_go(s: &mut QuasiStaticSolver, at: Pose, told: &str) {
+    s.advance(&Pose { z_mm: 0.2, ..at }).expect("lifting off");
+    let c = s.capture(21, 21).expect("a lattice");
+    assert!(c.surface.positions.iter().all(|p| p.z.abs() < 1e-3), "{told}");
+}
+
+#[test]
+fn slides_of_five_millimetres_go_through_and_leave_the_face_whole() {
+    // Coarse, to be quick.
+    let resolution = Resolution { cell_mm: 1.25, ..Resolution::for_tolerance(0.01) };
+    for friction in [Friction::Coefficient(0.8), Friction::Infinite] {
+        let start = Pose::new(0.0, 0.0, 0.2, 0.0);
+        let indenter = Arc::new(Sphere(3.0));
+        let settings = settings(friction);
+        let pad = pad(Law::NeoHookean);
+        let mut s = QuasiStaticSolver::with_resolution(&pad, &settings, resolution, indenter, &start)
+            .expect("settings are in range");
+        for x in 0..=5 {
+            s.advance(&Pose::new(f64::from(x), 0.0, -0.5, 0.0)).expect("a slide");
+            let c = s.capture(81, 81).expect("a lattice");
+            let n = c.forces.normal_force_n;
+            assert!((c.stats.base_reaction_n - n).abs() < 0.01 * n, "{friction:?} at {x}: {c:?}");
+            // Nothing folds under the tip, nothing stands up in front of it.
+            let deepest = c.surface.positions.iter().map(|p| p.z).fold(0.0, f32::min);
+            let highest = c.surface.positions.iter().map(|p| p.z).fold(0.0, f32::max);
+            assert!(deepest > -0.6 && highest < 0.1, "{friction:?} at {x}: {deepest} {highest}");
+            assert!(x == 0 || c.forces.shear_force_n[0] < -0.3 * n, "{friction:?} at {x}: {:?}", c.forces);
+        }
+        s.advance(&Pose::new(5.0, 0.0, 0.2, 0.0)).expect("lifting off");
+        let c = s.capture(21, 21).expect("a lattice");
+        assert!(c.surface.positions.iter().all(|p| p.z.abs() < 1e-3));
+    }
+}
+
+#[test]
+fn bodies_of_the_slip_experiment_slide_by_five_millimetres_either_way() {
+    for name in ["moon", "pacman", "dot_in", "sphere"] {
+        for (friction, way) in [(Friction::Coefficient(0.5), 1.0), (Friction::Infinite, -1.0)] {
+            let mut s = pressed(name, Law::FixedCorotated, friction, 0.05);
+            let mut pose = Pose::new(0.0, 0.0, -0.5, 0.0);
+            for n in 1..=5 {
+                pose.x_mm = way * f64::from(n);
+                let told = format!("{name}, {friction:?} at {} mm", pose.x_mm);
+                s.advance(&pose).unwrap_or_else(|e| panic!("{told}: {e}"));
+                let f = sound(&mut s, &told);
+                let dragged = -way * f.shear_force_n[0] / f.normal_force_n;
+                // What sticks has torn loose by 4 mm, and slides then with a coefficient of 0.8.
+                let range = match friction {
+                    Friction::Infinite if n < 4 => 0.3..2.5,
+                    Friction::Infinite => 0.55..0.9,
+                    _ => 0.45..0.75,
+                };
+                assert!(range.contains(&dragged), "{told}: {dragged}");
+            }
+            let_go(&mut s, pose, name);
+        }
+    }
+}
+
+#[test]
+fn bodies_of_the_rotation_experiment_turn_by_forty_five_degrees() {
+    for name in ["moon", "pacman", "dot_in"] {
+        for friction in [Friction::Coefficient(0.5), Friction::Infinite] {
+            let mut s = pressed(name, Law::FixedCorotated, friction, 0.05);
+            let mut pose = Pose::new(0.0, 0.0, -0.5, 0.0);
+            for theta_deg in [15.0, 30.0, 45.0] {
+                pose.theta_deg = theta_deg;
+                let told = format!("{name}, {friction:?} at {theta_deg} degrees");
+                s.advance(&pose).unwrap_or_else(|e| panic!("{told}: {e}"));
+                let f = sound(&mut s, &told);
+                // Against the turn, with an arm of 1 to 4 mm.
+                let arm_mm = -f.torque_n_mm / f.normal_force_n;
+                assert!((1.0..4.5).contains(&arm_mm), "{told}: {arm_mm} mm");
+            }
+            let_go(&mut s, pose, name);
+        }
+    }
+}
+
+/// Over the cells that it came with a crescent is drawn through the face on its way, over those that aim at the error asked for it
+/// finds no equilibrium: it goes on over those between, though it is not with the first that it was pressed.
+#[test]
+fn a_crescent_slides_on_with_cells_between() {
+    // Where it is drawn through, and whether, hangs on rounding; once is enough.
+    for law in [Law::FixedCorotated, Law::NeoHookean] {
+        let mut s = pressed("moon", law, Friction::Coefficient(0.5), 0.02);
+        s.advance(&Pose::new(1.0, 0.0, -0.5, 0.0)).expect("an easy slide");
+        assert!(s.unrefined.is_some(), "the slide states too much over the cells of the press");
+        let coarse_mm = s.finest().grid().hx;
+        for x_mm in [2.0, 3.0, 4.0, 5.0] {
+            // As if these had been tried, which takes long.
+            s.vain_mm = Some(0.25);
+            s.advance(&Pose::new(x_mm, 0.0, -0.5, 0.0)).expect("cells between");
+            sound(&mut s, &format!("{law:?} at {x_mm} mm"));
+            if s.finest().grid().hx < 0.9 * coarse_mm {
+                return;
+            }
+        }
+    }
+    panic!("cells between were not needed");
+}
