@@ -21,6 +21,7 @@
 //! [imager](super::imager) falls back to the reference mode, which renders all of them.
 
 mod alike;
+mod around_lamps;
 mod arrival;
 mod bounce;
 mod byway;

@@ -4,6 +4,7 @@
 //! Every surface is cut into patches of about a millimetre: a triangle into a grid in its barycentric
 //! coordinates, the pad's lattice into blocks of quads. Each side of a patch is an element of the radiosity solution.
 
+use super::around_lamps;
 use super::parted::{cut_at, levels};
 use super::plate::Slab;
 use super::source::Lamp;
@@ -115,6 +116,7 @@ impl World {
             patch_mm: PATCH_MM * fineness(scene),
         };
         let levels = levels(scene, Slab::of(scene)?);
+        let lamps: Vec<Lamp> = scene.lights.iter().filter_map(Lamp::new).collect();
         for surface in &scene.surfaces {
             if surface.role == Role::Pad && !with_pad {
                 continue;
@@ -138,7 +140,11 @@ impl World {
             };
             let made = Made { albedo, clear: None, light: None };
             match surface.role {
-                Role::Housing => cut_at(&surface.mesh, &levels).iter().for_each(|part| world.add(part, made)),
+                Role::Housing => {
+                    for strip in cut_at(&surface.mesh, &levels) {
+                        world.add(&around_lamps::cut(strip, &lamps, world.patch_mm), made);
+                    }
+                }
                 _ => world.add(&surface.mesh, made),
             }
         }

@@ -1,0 +1,104 @@
+//! Walls right beside a lamp, cut finer than others: the light of a tube that stands a few tenths of a millimetre off its wall fades
+//! there within as little, and its wall, half as bright as the lamp itself, lights the pad more than the lamp does.
+
+use super::source::Lamp;
+use crate::optics::Mesh;
+use glam::Vec3;
+
+/// Longest edge over the distance to a lamp that shines there. (With patches of 1.1 mm pictures lit by a tube 0.3 mm off its wall are 5 to 6 % off.)
+const PART: f32 = 0.5;
+/// Edges are not cut below this part of a patch's.
+const LEAST: f32 = 0.12;
+
+/// A mesh whose triangles are as small as lamps near them ask for.
+pub fn cut(mesh: Mesh, lamps: &[Lamp], patch_mm: f32) -> Mesh {
+    let asks = |corners: &[Vec3; 3]| lamps.iter().any(|lamp| asks(lamp, corners, patch_mm));
+    let mut waiting: Vec<[Vec3; 3]> = (0..mesh.triangles.len()).map(|k| mesh.corners(k)).collect();
+    if !waiting.iter().any(asks) {
+        return mesh;
+    }
+    let mut parts = Mesh::default();
+    while let Some(corners) = waiting.pop() {
+        if asks(&corners) {
+            waiting.extend(halves(corners));
+            continue;
+        }
+        let first = parts.positions.len() as u32;
+        parts.positions.extend_from_slice(&corners);
+        parts.triangles.push([first, first + 1, first + 2]);
+    }
+    parts
+}
+
+/// Whether a lamp shines on a triangle that is too large for so near to it.
+fn asks(lamp: &Lamp, corners: &[Vec3; 3], patch_mm: f32) -> bool {
+    let edge = longest(corners).1;
+    let middle = corners.iter().sum::<Vec3>() / 3.0;
+    let [low, high] = lamp.bounds;
+    // No part of it is nearer.
+    let distance = (middle.distance(middle.clamp(low, high)) - 2.0 / 3.0 * edge).max(0.0);
+    let most = (PART * distance).max(LEAST * patch_mm);
+    edge > most && PART * distance < patch_mm && corners.iter().any(|p| lamp.source.faces(*p))
+}
+
+/// Which corner a triangle's longest edge begins at, and how long it is.
+fn longest(corners: &[Vec3; 3]) -> (usize, f32) {
+    let edges = [0, 1, 2].map(|k| (k, corners[k].distance(corners[(k + 1) % 3])));
+    edges.into_iter().fold(edges[0], |a, b| if b.1 > a.1 { b } else { a })
+}
+
+/// A triangle cut through the middle of its longest edge.
+fn halves(corners: [Vec3; 3]) -> [[Vec3; 3]; 2] {
+    let (k, _) = longest(&corners);
+    let [a, b, c] = [0, 1, 2].map(|n| corners[(k + n) % 3]);
+    let middle = 0.5 * (a + b);
+    [[a, middle, c], [middle, b, c]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::{Light, LightShape};
+
+    fn lamp(shape: LightShape) -> Lamp {
+        let light = Light {
+            name: "lamp".to_owned(),
+            shape,
+            radiance: Vec3::ONE,
+            two_sided: false,
+            cosine_power: 0.0,
+            albedo: Vec3::ZERO,
+        };
+        Lamp::new(&light).unwrap()
+    }
+
+    #[test]
+    fn walls_beside_a_tube_are_cut_and_those_behind_a_rectangle_are_not() {
+        let walls = Mesh::open_box(Vec3::new(-10.0, -7.0, 0.0), Vec3::new(10.0, 7.0, 20.0));
+        let (from, to) = (Vec3::new(9.5, -1.0, 1.6), Vec3::new(9.5, 1.0, 1.6));
+        let tube = lamp(LightShape::Tube { from, to, radius: 0.2 });
+        let fine = cut(walls.clone(), &[tube.clone()], 1.1);
+        let area = |mesh: &Mesh| (0..mesh.triangles.len()).map(|k| mesh.area(k)).sum::<f32>();
+        assert!((area(&fine) / area(&walls) - 1.0).abs() < 1e-4);
+        // As small as asked for beside the tube, large at the other wall, and no more than it takes.
+        let edges = |x: f32| {
+            let at = (0..fine.triangles.len()).map(|k| fine.corners(k)).filter(move |corners| {
+                let middle = corners.iter().sum::<Vec3>() / 3.0;
+                (middle.x - x).abs() < 1e-3 && middle.y.abs() < 1.0 && (middle.z - 1.6).abs() < 0.2
+            });
+            at.map(|corners| longest(&corners).1).fold(0.0, f32::max)
+        };
+        assert!((0.08..0.16).contains(&edges(10.0)), "{}", edges(10.0));
+        assert!(fine.triangles.len() < 5000, "{}", fine.triangles.len());
+        let other = (0..fine.triangles.len()).filter(|k| fine.corners(*k).iter().all(|p| p.x < -9.9)).count();
+        assert_eq!(other, 2);
+        // Normals stay inwards.
+        let middle = Vec3::Z * 3.0;
+        for [a, b, c] in (0..fine.triangles.len()).map(|k| fine.corners(k)) {
+            assert!((b - a).cross(c - a).dot(middle - a) > 0.0);
+        }
+        let center = Vec3::new(9.999, 0.0, 1.6);
+        let rectangle = lamp(LightShape::Rectangle { center, half_u: -Vec3::Y, half_v: Vec3::Z });
+        assert_eq!(cut(walls.clone(), &[rectangle], 1.1).triangles.len(), walls.triangles.len());
+    }
+}
