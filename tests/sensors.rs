@@ -14,6 +14,7 @@ struct SensorFile {
     name: String,
     pad: elastomer::Pad,
     optics: SensorOptics,
+    untouched: Option<PathBuf>,
 }
 
 /// Every shipped sensor file.
@@ -33,6 +34,15 @@ fn shipped_sensors_load_pass_their_checks_and_see_all_of_their_pad() {
         let mut problems = Problems::new();
         file.optics.check(&mut problems);
         assert_eq!(problems.into_vec(), Vec::new(), "{}", path.display());
+        if let Some(untouched) = &file.untouched {
+            let bytes = std::fs::read(path.with_file_name(untouched)).unwrap();
+            let picture = twinrig::image::png::decode(&bytes).unwrap();
+            let camera = &file.optics.camera;
+            assert_eq!(
+                [picture.width as usize, picture.height as usize],
+                [camera.width_px, camera.height_px]
+            );
+        }
 
         // A small raster of the same view.
         let mut optics = file.optics;
