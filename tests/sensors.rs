@@ -14,6 +14,7 @@ struct SensorFile {
     name: String,
     pad: elastomer::Pad,
     optics: SensorOptics,
+    untouched: Option<PathBuf>,
 }
 
 /// Every shipped sensor file.
@@ -33,6 +34,15 @@ fn shipped_sensors_load_pass_their_checks_and_see_all_of_their_pad() {
         let mut problems = Problems::new();
         file.optics.check(&mut problems);
         assert_eq!(problems.into_vec(), Vec::new(), "{}", path.display());
+        if let Some(untouched) = &file.untouched {
+            let bytes = std::fs::read(path.with_file_name(untouched)).unwrap();
+            let picture = twinrig::image::png::decode(&bytes).unwrap();
+            let camera = &file.optics.camera;
+            assert_eq!(
+                [picture.width as usize, picture.height as usize],
+                [camera.width_px, camera.height_px]
+            );
+        }
 
         // A small raster of the same view.
         let mut optics = file.optics;
@@ -90,7 +100,7 @@ fn a_typo_and_a_light_outside_are_told_with_their_keys() {
     let text = std::fs::read_to_string(path).unwrap();
     let typo = toml::from_str::<SensorFile>(&text.replace("mm_per_px", "mm_per_pixel"));
     assert!(typo.err().unwrap().to_string().contains("mm_per_pixel"));
-    let bad = text.replace("[-14.999, 0.0, -2.5]", "[-14.999, 0.0, 2.5]").replace("0.028125", "0.07");
+    let bad = text.replace("[-21.999, 0.0, -5.0]", "[-21.999, 0.0, 5.0]").replace("0.028125", "0.1");
     let file: SensorFile = toml::from_str(&bad).unwrap();
     let mut problems = Problems::new();
     file.optics.check(&mut problems);
@@ -123,16 +133,16 @@ fn a_light_that_shines_into_the_wall_at_its_back_is_told_how_to_turn() {
         assert_eq!(disc, rectangle);
         disc
     };
-    let turned = blue([-14.999, 0.0, -2.5], [-2.0, 0.0, 0.5]);
+    let turned = blue([-21.999, 0.0, -5.0], [-2.0, 0.0, 0.5]);
     assert_eq!(turned.len(), 1, "{turned:?}");
     let Problem { key, value, allowed, next } = &turned[0];
     assert_eq!((key.as_str(), value.as_str()), ("lights[0].shape.facing", "[-2.0, 0.0, 0.5]"));
     assert!(allowed.contains("\"blue\"") && allowed.contains("0.001 mm"), "{allowed}");
     assert_eq!(next, "turn it: facing = [2.0, 0.0, 0.5]");
     for (center_mm, facing) in [
-        ([14.999, 0.0, -2.5], [1.0, 0.0, 0.0]),
-        ([0.0, -14.999, -2.5], [0.0, -1.0, 0.0]),
-        ([0.0, 14.999, -2.5], [0.0, 1.0, 0.0]),
+        ([21.999, 0.0, -5.0], [1.0, 0.0, 0.0]),
+        ([0.0, -21.999, -5.0], [0.0, -1.0, 0.0]),
+        ([0.0, 21.999, -5.0], [0.0, 1.0, 0.0]),
         ([0.0, 8.0, -19.98], [0.0, 0.0, -1.0]),
     ] {
         let keys: Vec<String> = blue(center_mm, facing).into_iter().map(|p| p.key).collect();
@@ -140,9 +150,9 @@ fn a_light_that_shines_into_the_wall_at_its_back_is_told_how_to_turn() {
     }
     // Into the sensor, along the wall, or at a wall that is elsewhere, a light may shine, and a two-sided one anywhere.
     for (center_mm, facing) in [
-        ([-14.999, 0.0, -2.5], [1.0, 0.0, 0.0]),
-        ([-14.999, 0.0, -2.5], [0.0, 0.0, 1.0]),
-        ([-12.0, 0.0, -2.5], [-1.0, 0.0, 0.0]),
+        ([-21.999, 0.0, -5.0], [1.0, 0.0, 0.0]),
+        ([-21.999, 0.0, -5.0], [0.0, 0.0, 1.0]),
+        ([-12.0, 0.0, -5.0], [-1.0, 0.0, 0.0]),
     ] {
         assert_eq!(blue(center_mm, facing), Vec::new());
     }
@@ -177,7 +187,7 @@ fn what_follows_from_a_wrong_value_is_not_told_beside_it() {
     let below = housing(|housing| housing.height_mm = -20.0);
     assert!(below.len() == 1 && below[0].key == "housing.height_mm", "{below:?}");
     // Walls in order are told of all that stands behind them.
-    let narrow = housing(|housing| housing.x_mm = [-14.0, 14.0]);
+    let narrow = housing(|housing| housing.x_mm = [-21.0, 21.0]);
     assert_eq!(narrow.len(), 2, "{narrow:?}");
 }
 
@@ -185,10 +195,10 @@ fn what_follows_from_a_wrong_value_is_not_told_beside_it() {
 fn a_light_of_triangles_shines_as_the_rectangle_that_they_make() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("rig_configs/sensors/gelsight.toml");
     let text = std::fs::read_to_string(path).unwrap();
-    let rectangle = "{ kind = \"rectangle\", center_mm = [-14.999, 0.0, -2.5], facing = [1.0, 0.0, 0.0], size_mm = [24.0, 2.0] }";
+    let rectangle = "{ kind = \"rectangle\", center_mm = [-21.999, 0.0, -5.0], facing = [1.0, 0.0, 0.0], size_mm = [24.0, 2.0] }";
     assert!(text.contains(rectangle));
-    let mesh = "{ kind = \"mesh\", vertices_mm = [[-14.999, -12.0, -3.5], [-14.999, 12.0, -3.5], [-14.999, 12.0, -1.5], \
-                [-14.999, -12.0, -1.5]], triangles = [[0, 1, 2], [0, 2, 3]] }";
+    let mesh = "{ kind = \"mesh\", vertices_mm = [[-21.999, -12.0, -6.0], [-21.999, 12.0, -6.0], [-21.999, 12.0, -4.0], \
+                [-21.999, -12.0, -4.0]], triangles = [[0, 1, 2], [0, 2, 3]] }";
     let mean = |text: &str| {
         let file: SensorFile = toml::from_str(text).unwrap();
         let mut problems = Problems::new();

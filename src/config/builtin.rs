@@ -16,7 +16,7 @@ const RIGS: &[(&str, &str)] =
 const PLANS: &[(&str, &str)] = shipped!("rig_configs/plans": "press" "slip" "rotate" "small");
 
 const SENSORS: &[(&str, &str)] =
-    shipped!("rig_configs/sensors": "digit" "domed" "gelsight" "gelsight_markers" "skin");
+    shipped!("rig_configs/sensors": "digit" "domed" "gelsight" "gelsight_fots" "gelsight_markers" "skin");
 
 const INDENTERS: &[(&str, &str)] = shipped!("rig_configs/indenters":
     "cone" "cross_lines" "curved_surface" "cylinder" "cylinder_shell" "cylinder_side" "dot_in" "dots"
