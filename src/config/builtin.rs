@@ -3,6 +3,7 @@
 //! A test compares this list with the folders: a file that is added must be listed.
 
 use super::lookup::Kind;
+use std::path::Path;
 
 macro_rules! shipped {
     ($folder:literal: $($name:literal)*) => {
@@ -27,6 +28,10 @@ const PROTOCOLS: &[(&str, &str)] = shipped!("firmware_protocols":
     "dobot_magician" "dynamixel2" "dynamixel_p" "feetech_sts" "grbl" "grblhal" "marlin" "newport_smc100" "pi_gcs2"
     "thorlabs_apt" "thorlabs_apt_stepper" "zaber_ascii");
 
+/// Pictures that shipped sensor files name.
+const PICTURES: &[(&str, &[u8])] =
+    &[("gelsight_fots.png", include_bytes!("../../rig_configs/sensors/gelsight_fots.png"))];
+
 fn all(kind: Kind) -> &'static [(&'static str, &'static str)] {
     match kind {
         Kind::Rig => RIGS,
@@ -47,10 +52,28 @@ pub fn text(kind: Kind, name: &str) -> Option<&'static str> {
     all(kind).iter().find(|(n, _)| *n == name).map(|(_, text)| *text)
 }
 
+/// A picture that a shipped sensor file names.
+pub fn picture(path: &Path) -> Option<&'static [u8]> {
+    PICTURES.iter().find(|(name, _)| Path::new(name) == path).map(|(_, bytes)| *bytes)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::sensor::SensorFile;
+    use crate::problem::Problems;
     use std::collections::BTreeSet;
+
+    #[test]
+    fn what_a_shipped_sensor_wears_needs_no_folder() {
+        for name in names(Kind::Sensor) {
+            let file: SensorFile = toml::from_str(text(Kind::Sensor, name).unwrap()).unwrap();
+            let mut problems = Problems::new();
+            let checked = file.check(Some(name), None, &mut problems);
+            assert!(problems.is_empty(), "{name}: {problems:?}");
+            assert_eq!(checked.untouched.is_some(), file.untouched.is_some(), "{name}");
+        }
+    }
 
     #[test]
     fn the_list_is_what_lies_in_the_folders() {

@@ -1,5 +1,6 @@
 //! The sensor file: the pad and the optics around it.
 
+use super::builtin;
 use crate::elastomer::{Pad, PadShape};
 use crate::image::{Picture, png};
 use crate::optics::sensor::SensorOptics;
@@ -85,6 +86,7 @@ impl SensorFile {
     }
 
     fn picture(&self, path: &Path, folder: Option<&Path>, problems: &mut Problems) -> Option<Picture> {
+        let shipped = if folder.is_none() { builtin::picture(path) } else { None };
         let path = folder.map_or_else(|| path.to_owned(), |folder| folder.join(path));
         let camera = &self.optics.camera;
         let wanted = format!("a PNG of {} x {} pixels", camera.width_px, camera.height_px);
@@ -97,7 +99,10 @@ impl SensorFile {
                 next,
             );
         };
-        let bytes = std::fs::read(&path).map_err(|e| refuse(e.to_string())).ok()?;
+        let bytes = match shipped {
+            Some(bytes) => bytes.to_vec(),
+            None => std::fs::read(&path).map_err(|e| refuse(e.to_string())).ok()?,
+        };
         let picture = png::decode(&bytes).map_err(|e| refuse(e.to_string())).ok()?;
         if [picture.width as usize, picture.height as usize] != [camera.width_px, camera.height_px] {
             refuse(format!("{} x {} pixels", picture.width, picture.height));

@@ -10,6 +10,9 @@ const PART: f32 = 0.5;
 /// Edges are not cut below this part of a patch's.
 const LEAST: f32 = 0.12;
 
+/// Steps to and fro between a triangle and the box around a lamp.
+const ROUNDS: u32 = 6;
+
 /// A mesh whose triangles are as small as lamps near them ask for.
 pub fn cut(mesh: Mesh, lamps: &[Lamp], patch_mm: f32) -> Mesh {
     let asks = |corners: &[Vec3; 3]| lamps.iter().any(|lamp| asks(lamp, corners, patch_mm));
@@ -33,12 +36,32 @@ pub fn cut(mesh: Mesh, lamps: &[Lamp], patch_mm: f32) -> Mesh {
 /// Whether a lamp shines on a triangle that is too large for so near to it.
 fn asks(lamp: &Lamp, corners: &[Vec3; 3], patch_mm: f32) -> bool {
     let edge = longest(corners).1;
-    let middle = corners.iter().sum::<Vec3>() / 3.0;
     let [low, high] = lamp.bounds;
-    // No part of it is nearer.
-    let distance = (middle.distance(middle.clamp(low, high)) - 2.0 / 3.0 * edge).max(0.0);
+    // From one to the other, to and fro, comes to where they are nearest to each other.
+    let (mut on_lamp, mut distance) = (0.5 * (low + high), f32::INFINITY);
+    for _ in 0..ROUNDS {
+        let on_triangle = nearest(corners, on_lamp);
+        on_lamp = on_triangle.clamp(low, high);
+        distance = on_triangle.distance(on_lamp);
+    }
     let most = (PART * distance).max(LEAST * patch_mm);
     edge > most && PART * distance < patch_mm && corners.iter().any(|p| lamp.source.faces(*p))
+}
+
+/// The point of a triangle that is nearest to `p`.
+fn nearest(corners: &[Vec3; 3], p: Vec3) -> Vec3 {
+    let [a, b, c] = *corners;
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    let foot = p - normal * (p - a).dot(normal);
+    let edges = [(a, b), (b, c), (c, a)];
+    if normal != Vec3::ZERO && edges.iter().all(|(p, q)| (q - p).cross(foot - p).dot(normal) >= 0.0) {
+        return foot;
+    }
+    let on_edges = edges.map(|(q, r)| {
+        let along = r - q;
+        q + along * ((p - q).dot(along) / along.length_squared().max(1e-20)).clamp(0.0, 1.0)
+    });
+    on_edges.into_iter().min_by(|q, r| q.distance(p).total_cmp(&r.distance(p))).unwrap_or(a)
 }
 
 /// Which corner a triangle's longest edge begins at, and how long it is.
@@ -73,11 +96,24 @@ mod tests {
     }
 
     #[test]
+    fn the_nearest_point_of_a_triangle_is_over_its_face_its_edge_or_its_corner() {
+        let triangle = [Vec3::ZERO, 4.0 * Vec3::X, 3.0 * Vec3::Y];
+        for (p, near) in [
+            (Vec3::new(1.0, 1.0, 2.0), Vec3::new(1.0, 1.0, 0.0)),
+            (Vec3::new(2.0, -1.0, 1.0), Vec3::new(2.0, 0.0, 0.0)),
+            (Vec3::new(2.0 + 3.0, 1.5 + 4.0, 0.0), Vec3::new(2.0, 1.5, 0.0)),
+            (Vec3::new(-1.0, -2.0, 1.0), Vec3::ZERO),
+        ] {
+            assert!(nearest(&triangle, p).distance(near) < 1e-5, "{p}: {}", nearest(&triangle, p));
+        }
+    }
+
+    #[test]
     fn walls_beside_a_tube_are_cut_and_those_behind_a_rectangle_are_not() {
         let walls = Mesh::open_box(Vec3::new(-10.0, -7.0, 0.0), Vec3::new(10.0, 7.0, 20.0));
         let (from, to) = (Vec3::new(9.5, -1.0, 1.6), Vec3::new(9.5, 1.0, 1.6));
         let tube = lamp(LightShape::Tube { from, to, radius: 0.2 });
-        let fine = cut(walls.clone(), &[tube.clone()], 1.1);
+        let fine = cut(walls.clone(), std::slice::from_ref(&tube), 1.1);
         let area = |mesh: &Mesh| (0..mesh.triangles.len()).map(|k| mesh.area(k)).sum::<f32>();
         assert!((area(&fine) / area(&walls) - 1.0).abs() < 1e-4);
         // As small as asked for beside the tube, large at the other wall, and no more than it takes.
