@@ -5,7 +5,7 @@ use super::source::Lamp;
 use crate::optics::Mesh;
 use glam::Vec3;
 
-/// Longest edge over the distance to a lamp that shines there. (With patches of 1.1 mm pictures lit by a tube 0.3 mm off its wall are 5 to 6 % off.)
+/// Longest edge over the distance to a lamp that shines there. (With patches of 1.1 mm pictures lit by a tube 0.3 mm off its wall are 5 to 6 % off: lab book.)
 const PART: f32 = 0.5;
 /// Edges are not cut below this part of a patch's.
 const LEAST: f32 = 0.12;
