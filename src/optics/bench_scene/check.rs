@@ -9,6 +9,8 @@ const MOST_PX: usize = 16_384;
 
 /// A light's normal is that of its sides if their triple product, 1 where all are as they should be, is above this.
 const LEAST_FACING: f32 = 0.9999;
+/// How far the length of a unit vector that is written with three decimals may be from 1.
+const ROUNDED: f32 = 2e-3;
 
 impl SceneFile {
     /// What is wrong with its numbers, the first of all: key, value, what is allowed, and the next move.
@@ -50,7 +52,16 @@ impl SceneFile {
                     ));
                 }
             }
-            let facing = light.u_dir.cross(light.v_dir).dot(light.normal.normalize_or_zero()).abs();
+            for (key, length) in [("u_dir", light.u_dir.length()), ("v_dir", light.v_dir.length())] {
+                if !((1.0 - ROUNDED)..=(1.0 + ROUNDED)).contains(&length) {
+                    return Err(fault(
+                        format!("{key} of light \"{name}\" is {length} long: it is a unit vector"),
+                        "divide it by its length; how large the light is tell size_u_mm and size_v_mm",
+                    ));
+                }
+            }
+            let [u, v, normal] = [light.u_dir, light.v_dir, light.normal].map(|d| d.normalize_or_zero());
+            let facing = u.cross(v).dot(normal).abs();
             if facing.is_nan() || facing < LEAST_FACING {
                 return Err(fault(
                     format!(
@@ -89,8 +100,14 @@ mod tests {
             (told(|f| f["lights"][1]["normal"] = serde_json::json!([0.0, 0.0, 0.0])), "normal = [0, 0, 0]"),
             // Four degrees askew.
             (told(|f| f["lights"][1]["normal"][2] = serde_json::json!(0.07)), "of its u_dir and v_dir"),
+            (told(|f| f["lights"][1]["u_dir"] = serde_json::json!([0.0, 2.0, 0.0])), "u_dir of light"),
         ] {
             assert!(told.contains(named), "{told}");
         }
+        // As one would write it.
+        let mut file: serde_json::Value = serde_json::from_str(text).expect("the scene");
+        file["lights"][1]["u_dir"] = serde_json::json!([0.707, 0.707, 0.0]);
+        file["lights"][1]["normal"] = serde_json::json!([0.707, -0.707, 0.0]);
+        assert!(parse(&file.to_string(), Variant::Ac).is_ok());
     }
 }

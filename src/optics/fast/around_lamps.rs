@@ -1,4 +1,4 @@
-//! Walls right beside a lamp, cut finer than others: the light of a tube that stands a few tenths of a millimetre off its wall fades
+//! Walls right beside a lamp that shines on them, cut finer than others: the light of a tube that stands a few tenths of a millimetre off its wall fades
 //! there within as little, and its wall, half as bright as the lamp itself, lights the pad more than the lamp does.
 
 use super::source::Lamp;
@@ -13,15 +13,40 @@ const LEAST: f32 = 0.12;
 /// Steps to and fro between a triangle and the box around a lamp.
 const ROUNDS: u32 = 6;
 
+/// Triangles of a mesh at most: where lamps ask for more, edges are not cut as far.
+const MOST: usize = 12_000;
+
 /// A mesh whose triangles are as small as lamps near them ask for.
 pub fn cut(mesh: Mesh, lamps: &[Lamp], patch_mm: f32) -> Mesh {
-    let asks = |corners: &[Vec3; 3]| lamps.iter().any(|lamp| asks(lamp, corners, patch_mm));
+    let mut least = LEAST;
+    loop {
+        match cut_down_to(&mesh, lamps, patch_mm, least) {
+            Cut::Whole => return mesh,
+            Cut::Into(parts) => return parts,
+            Cut::TooMany => least *= 2.0,
+        }
+    }
+}
+
+enum Cut {
+    /// No triangle is too large.
+    Whole,
+    Into(Mesh),
+    TooMany,
+}
+
+fn cut_down_to(mesh: &Mesh, lamps: &[Lamp], patch_mm: f32, least: f32) -> Cut {
+    let asks = |corners: &[Vec3; 3]| lamps.iter().any(|lamp| asks(lamp, corners, patch_mm, least));
     let mut waiting: Vec<[Vec3; 3]> = (0..mesh.triangles.len()).map(|k| mesh.corners(k)).collect();
     if !waiting.iter().any(asks) {
-        return mesh;
+        return Cut::Whole;
     }
+    let most = MOST + waiting.len();
     let mut parts = Mesh::default();
     while let Some(corners) = waiting.pop() {
+        if parts.triangles.len() + waiting.len() > most {
+            return Cut::TooMany;
+        }
         if asks(&corners) {
             waiting.extend(halves(corners));
             continue;
@@ -30,21 +55,24 @@ pub fn cut(mesh: Mesh, lamps: &[Lamp], patch_mm: f32) -> Mesh {
         parts.positions.extend_from_slice(&corners);
         parts.triangles.push([first, first + 1, first + 2]);
     }
-    parts
+    Cut::Into(parts)
 }
 
 /// Whether a lamp shines on a triangle that is too large for so near to it.
-fn asks(lamp: &Lamp, corners: &[Vec3; 3], patch_mm: f32) -> bool {
+fn asks(lamp: &Lamp, corners: &[Vec3; 3], patch_mm: f32, least: f32) -> bool {
     let edge = longest(corners).1;
-    let [low, high] = lamp.bounds;
-    // From one to the other, to and fro, comes to where they are nearest to each other.
-    let (mut on_lamp, mut distance) = (0.5 * (low + high), f32::INFINITY);
+    // From one to the other, to and fro, comes to where they are nearest to each other. (That of a round lamp is the parallelogram
+    // around it, that of a tube its axis.)
+    let [a, b, c, d] = lamp.source.around();
+    let (mut on_lamp, mut distance) = (lamp.center, f32::INFINITY);
     for _ in 0..ROUNDS {
         let on_triangle = nearest(corners, on_lamp);
-        on_lamp = on_triangle.clamp(low, high);
-        distance = on_triangle.distance(on_lamp);
+        let halves = [[a, b, c], [a, c, d]].map(|half| nearest(&half, on_triangle));
+        let [p, q] = halves.map(|p| p.distance(on_triangle));
+        (on_lamp, distance) = if p < q { (halves[0], p) } else { (halves[1], q) };
     }
-    let most = (PART * distance).max(LEAST * patch_mm);
+    let distance = (distance - lamp.source.radius_mm()).max(0.0);
+    let most = (PART * distance).max(least * patch_mm);
     edge > most && PART * distance < patch_mm && corners.iter().any(|p| lamp.source.faces(*p))
 }
 
@@ -133,6 +161,19 @@ mod tests {
         for [a, b, c] in (0..fine.triangles.len()).map(|k| fine.corners(k)) {
             assert!((b - a).cross(c - a).dot(middle - a) > 0.0);
         }
+        // One askew, whose box is as large as the room, asks for no more than where it is near; many ask for coarser ones.
+        let (from, to) = (Vec3::new(-9.0, -6.0, 1.6), Vec3::new(9.0, 6.0, 5.0));
+        let askew = lamp(LightShape::Tube { from, to, radius: 0.2 });
+        let fine = cut(walls.clone(), &[askew], 1.1);
+        assert!(fine.triangles.len() < 2000, "{}", fine.triangles.len());
+        let row = |k: u32| {
+            let x = k as f32 * 0.6 - 9.0;
+            let (from, to) = (Vec3::new(x, 6.5, 1.0), Vec3::new(x, 6.5, 9.0));
+            lamp(LightShape::Tube { from, to, radius: 0.2 })
+        };
+        let many: Vec<Lamp> = (0..30).map(row).collect();
+        let fine = cut(walls.clone(), &many, 1.1);
+        assert!(fine.triangles.len() <= MOST + walls.triangles.len(), "{}", fine.triangles.len());
         let center = Vec3::new(9.999, 0.0, 1.6);
         let rectangle = lamp(LightShape::Rectangle { center, half_u: -Vec3::Y, half_v: Vec3::Z });
         assert_eq!(cut(walls.clone(), &[rectangle], 1.1).triangles.len(), walls.triangles.len());

@@ -120,22 +120,31 @@ impl Echo {
         let mut group_of: HashMap<u32, u16> = HashMap::new();
         let mut known: HashMap<([i32; 3], u32, [u32; 3]), u16> = HashMap::new();
         let mut members: Vec<Vec<u32>> = Vec::new();
-        for &element in met.iter().chain(seen.iter().flatten()).filter(|&&e| e != u32::MAX) {
-            if group_of.contains_key(&element) {
-                continue;
-            }
+        let key_of = |element: u32| {
             let (point, normal) = world.point(element as usize, [0.3, 0.3]);
             let size = normal.abs();
             let axis = if size.z >= size.max_element() { 2 } else { u32::from(size.y > size.x) };
             let side = 2 * axis + u32::from(normal[axis as usize] < 0.0);
             let albedo = world.element(element as usize).0.to_array().map(f32::to_bits);
-            let at = (point / edge).floor().as_ivec3().to_array();
-            let group = *known.entry((at, side, albedo)).or_insert_with(|| {
+            ((point / edge).floor().as_ivec3().to_array(), side, albedo)
+        };
+        for &element in met.iter().chain(seen.iter().flatten()).filter(|&&e| e != u32::MAX) {
+            if group_of.contains_key(&element) {
+                continue;
+            }
+            let group = *known.entry(key_of(element)).or_insert_with(|| {
                 members.push(Vec::new());
                 (members.len() - 1) as u16
             });
             group_of.insert(element, group);
             members[usize::from(group)].push(element);
+        }
+        // Small patches of a group that no ray happened to meet are of its area, too.
+        for element in 0..2 * world.patches as u32 {
+            if let (false, Some(&group)) = (group_of.contains_key(&element), known.get(&key_of(element))) {
+                group_of.insert(element, group);
+                members[usize::from(group)].push(element);
+            }
         }
         let groups = members.len();
         if groups == 0 || groups >= usize::from(NOWHERE) {
@@ -163,18 +172,18 @@ impl Echo {
         let passed: Vec<(Sparse, f32)> = members
             .par_iter()
             .map(|members| {
-                let (mut parts, mut rays, mut area) = (vec![0.0f32; groups], 0, 0.0);
+                let (mut parts, mut area) = (vec![0.0f32; groups], 0.0);
                 for &element in members {
                     let met = radiosity::met_by(world, element as usize, PATCH_RAYS, &buried);
-                    area += world.area(element as usize) * met.len() as f32 / PATCH_RAYS as f32;
-                    rays += met.len();
+                    let of_ray = world.area(element as usize) / PATCH_RAYS as f32;
+                    area += of_ray * met.len() as f32;
                     for to in met.iter().map(|(element, _)| group(element)) {
                         if to != NOWHERE {
-                            parts[usize::from(to)] += 1.0;
+                            parts[usize::from(to)] += of_ray;
                         }
                     }
                 }
-                parts.iter_mut().for_each(|part| *part /= rays.max(1) as f32);
+                parts.iter_mut().for_each(|part| *part /= f32::max(area, 1e-20));
                 (present(&parts), area)
             })
             .collect();

@@ -181,6 +181,14 @@ impl Source {
         }
     }
 
+    /// How far a tube's side is from its axis; nothing of what is flat.
+    pub fn radius_mm(&self) -> f32 {
+        match self.outline {
+            Outline::Tube(.., radius, _) => radius,
+            _ => 0.0,
+        }
+    }
+
     /// How long it is; nothing for a disc.
     pub fn length_mm(&self) -> Option<f32> {
         match self.outline {

@@ -1,7 +1,7 @@
 //! What rays meet while a sensor is prepared: triangles, what they are made of, and which patch they belong to.
 //! Radiance inside a plate is counted over n^2, so that it is the same on both sides of a face.
 //!
-//! Every surface is cut into patches of about a millimetre: a triangle into a grid in its barycentric
+//! Every surface is cut into patches of about a millimetre, walls right beside lamps into smaller ones: a triangle into a grid in its barycentric
 //! coordinates, the pad's lattice into blocks of quads. Each side of a patch is an element of the radiosity solution.
 
 use super::around_lamps;
