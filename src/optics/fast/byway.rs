@@ -39,9 +39,10 @@ impl<'a> Byways<'a> {
             return found;
         };
         let (middle, _) = self.world.point(element, [0.3, 0.3]);
-        let pairs_of = |lamp: &Lamp| PAIRS << nearness(&slab, lamp, middle).log2() as u32;
+        let usual = if self.world.is_small(element) { PAIRS / 4 } else { PAIRS };
+        let pairs_of = |lamp: &Lamp| usual << nearness(&slab, lamp, middle).log2() as u32;
         let pairs: Vec<u32> = self.lamps.iter().map(pairs_of).collect();
-        let most = pairs.iter().copied().fold(PAIRS, u32::max);
+        let most = pairs.iter().copied().fold(usual, u32::max);
         let sampler = Sampler::new(0xb1a7, element as u32, 0, most);
         let mut points = vec![0; found.len()];
         for i in 0..most {

@@ -206,13 +206,19 @@ impl Straight {
     }
 }
 
+/// How many times fewer points and rays do for an element.
+fn fewer(world: &World, element: usize) -> u32 {
+    if world.is_small(element) { 4 } else { 1 }
+}
+
 /// Irradiance of an element straight from each light, over those of its points that nothing covers.
 fn direct(world: &World, lamps: &[Lamp], element: usize, buried: &impl Fn(Vec3) -> bool) -> Vec<f32> {
     let sampler = Sampler::new(0x0e1e, element as u32 / 2, 0, POINTS);
     let own = world.element(element).1;
     let (mut sums, mut points) = (vec![0.0; lamps.len()], 0);
+    let fewer = fewer(world, element);
     for round in 0..MOST_ROUNDS {
-        for i in 0..POINTS {
+        for i in 0..POINTS / fewer {
             let [u, v, ..] = sampler.group(i, round);
             let (point, normal) = world.point(element, [u, v]);
             if buried(point) || covered(world, point, normal) {
@@ -223,7 +229,7 @@ fn direct(world: &World, lamps: &[Lamp], element: usize, buried: &impl Fn(Vec3) 
             }
             points += 1;
         }
-        if points >= LEAST_POINTS {
+        if points >= LEAST_POINTS / fewer {
             break;
         }
     }
@@ -243,7 +249,8 @@ const COVER: f32 = 0.1;
 /// What the rays of an element meet, by faces of a plate on the way.
 fn row(world: &World, element: usize, buried: &impl Fn(Vec3) -> bool) -> [Vec<u32>; MOST_FACES + 1] {
     let mut row = [const { Vec::new() }; MOST_FACES + 1];
-    for (met, faces) in met_by(world, element, RAYS[usize::from(world.has_clear())], buried) {
+    let rays = RAYS[usize::from(world.has_clear())] / fewer(world, element);
+    for (met, faces) in met_by(world, element, rays, buried) {
         row[(faces as usize).min(MOST_FACES)].push(met);
     }
     row

@@ -18,6 +18,8 @@ use glam::Vec3;
 const PATCH_MM: f32 = 1.1;
 /// Shorter side of a pad for which lengths in mm are meant, mm.
 const USUAL_MM: f32 = 14.3;
+/// An element is small below this part of the square of a patch's edge.
+const SMALL: f32 = 0.12;
 /// Most patches along an edge of one triangle.
 const MOST_CUTS: u32 = 24;
 
@@ -269,6 +271,11 @@ impl World {
         let [a, b, c] = [[0.001, 0.001], [0.998, 0.001], [0.001, 0.998]].map(|u| self.point(element, u).0);
         let whole = (b - a).cross(c - a).length() * (1.0 / (0.997 * 0.997));
         if matches!(part.cut, Cut::Triangles { .. }) { 0.5 * whole } else { whole }
+    }
+
+    /// Whether it is a small part of a usual patch: of those there are many side by side, whose errors average out.
+    pub fn is_small(&self, element: usize) -> bool {
+        self.area(element) < SMALL * self.patch_mm * self.patch_mm
     }
 
     /// Longest edge of the box around everything, mm.
