@@ -27,7 +27,7 @@
 //!
 //! | rung | modules | is |
 //! |---|---|---|
-//! | 0 | [`units`] [`clock`] [`pose`] [`frame`] [`problem`] [`cache`] [`draw`], `wakeful` of the physics | vocabulary; what is kept between runs; draws that are the same for ever; threads that stay awake for short pieces of work |
+//! | 0 | [`units`] [`clock`] [`pose`] [`frame`] [`problem`] [`percent`] [`cache`] [`draw`], `wakeful` of the physics | vocabulary; what is kept between runs; draws that are the same for ever; threads that stay awake for short pieces of work |
 //! | 1a | [`indenter`] [`image`] | shapes and pictures |
 //! | 1b | [`motion`] [`protocol`] [`elastomer`] [`optics`] | pure domains: no I/O, no waiting |
 //! | 2 | [`plan`] [`device`] [`dataset`] | uses of the domains |
@@ -55,7 +55,7 @@
 
 // Layers 0 and 1a, and of 1b what is physics, are a package of their own.
 pub use twinrig_physics::{
-    cache, clock, draw, elastomer, frame, image, indenter, optics, pose, problem, units,
+    cache, clock, draw, elastomer, frame, image, indenter, optics, percent, pose, problem, units,
 };
 // Layer 1b: pure domains.
 pub mod motion;

@@ -10,6 +10,7 @@ pub mod frame;
 pub mod image;
 pub mod indenter;
 pub mod optics;
+pub mod percent;
 pub mod pose;
 pub mod problem;
 pub mod units;

@@ -5,7 +5,7 @@ use std::path::Path;
 
 /// Top-level modules by rung, lowest first.
 const RUNGS: &[(&str, &[&str])] = &[
-    ("0 vocabulary", &["cache", "clock", "draw", "frame", "pose", "problem", "units", "wakeful"]),
+    ("0 vocabulary", &["cache", "clock", "draw", "frame", "percent", "pose", "problem", "units", "wakeful"]),
     ("1a shapes and images", &["image", "indenter"]),
     ("1b pure domains", &["elastomer", "motion", "optics", "protocol"]),
     ("2 uses", &["calibrate", "dataset", "device", "plan"]),

@@ -6,6 +6,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use twinrig::image::{Mask, Picture, metrics, png};
+use twinrig::optics::film::{linear_to_srgb, srgb_to_linear};
 
 /// Pixels a millimetre, as published.
 const PX_PER_MM: f64 = 19.58;
@@ -74,14 +75,11 @@ fn presses(folder: &Path) -> Vec<Press> {
 
 /// Linear light of a code value (sRGB).
 fn light(code: u8) -> f64 {
-    let v = f64::from(code) / 255.0;
-    if v > 0.04045 { ((v + 0.055) / 1.055).powf(2.4) } else { v / 12.92 }
+    f64::from(srgb_to_linear(code))
 }
 
 fn code(light: f64) -> u8 {
-    let v = light.clamp(0.0, 1.0);
-    let v = if v > 0.003_130_8 { 1.055 * v.powf(1.0 / 2.4) - 0.055 } else { 12.92 * v };
-    (255.0 * v).round() as u8
+    (255.0 * linear_to_srgb(light.clamp(0.0, 1.0) as f32)).round() as u8
 }
 
 impl Press {

@@ -104,6 +104,12 @@ impl Mesh {
         (b - a).cross(c - a).length() / 2.0
     }
 
+    /// The point that is nearest to `p`, of one triangle or more.
+    pub fn nearest(&self, p: Vec3) -> Option<Vec3> {
+        let points = (0..self.triangles.len()).map(|k| nearest_on(&self.corners(k), p));
+        points.min_by(|q, r| q.distance_squared(p).total_cmp(&r.distance_squared(p)))
+    }
+
     /// Indices inside the vertex list, coordinates finite, one texture coordinate and normal a vertex or none.
     pub fn check(&self, part: &str) -> Result<(), Error> {
         let fault = |what: String| {
@@ -131,6 +137,23 @@ impl Mesh {
         }
         Ok(())
     }
+}
+
+/// The point of a triangle that is nearest to `p`.
+pub fn nearest_on(corners: &[Vec3; 3], p: Vec3) -> Vec3 {
+    let [a, b, c] = *corners;
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    let foot = p - normal * (p - a).dot(normal);
+    let edges = [(a, b), (b, c), (c, a)];
+    if normal != Vec3::ZERO && edges.iter().all(|(q, r)| (r - q).cross(foot - q).dot(normal) >= 0.0) {
+        return foot;
+    }
+    let [first, second, third] = edges.map(|(q, r)| {
+        let along = r - q;
+        q + along * ((p - q).dot(along) / along.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
+    });
+    let nearer = |q: Vec3, r: Vec3| if r.distance_squared(p) < q.distance_squared(p) { r } else { q };
+    nearer(nearer(first, second), third)
 }
 
 #[cfg(test)]
@@ -163,5 +186,18 @@ mod tests {
         assert!(mesh.check("lens").is_ok());
         mesh.normals[2] *= 2.0;
         assert!(mesh.check("lens").unwrap_err().to_string().contains("normal 2"));
+    }
+
+    #[test]
+    fn the_nearest_point_of_a_triangle_is_over_its_face_its_edge_or_its_corner() {
+        let triangle = [Vec3::ZERO, 4.0 * Vec3::X, 3.0 * Vec3::Y];
+        for (p, near) in [
+            (Vec3::new(1.0, 1.0, 2.0), Vec3::new(1.0, 1.0, 0.0)),
+            (Vec3::new(2.0, -1.0, 1.0), Vec3::new(2.0, 0.0, 0.0)),
+            (Vec3::new(2.0 + 3.0, 1.5 + 4.0, 0.0), Vec3::new(2.0, 1.5, 0.0)),
+            (Vec3::new(-1.0, -2.0, 1.0), Vec3::ZERO),
+        ] {
+            assert!(nearest_on(&triangle, p).distance(near) < 1e-5, "{p}: {}", nearest_on(&triangle, p));
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! What a solver says of its own answer that whoever uses it should know. Said once: a session has thousands of captures.
 
 use crate::elastomer::{Settings, SolverStats};
+use crate::percent::reads_above;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// An explicit run whose pad moves with more than this part of its elastic energy has not come to rest (found by experiment: presses
@@ -36,7 +37,7 @@ fn of(stats: &SolverStats, slid: bool, tolerance: f64) -> Option<String> {
         ));
     }
     match stats.estimated_error {
-        Some(stated) if shown(stated) > shown(tolerance) => Some(format!(
+        Some(stated) if reads_above(stated, tolerance) => Some(format!(
             "the pad's surface is stated to be off by {:.2} % of the depth, above the {:.2} % asked for; round edges more{} or \
              lower elastomer.tolerance, which takes finer cells as far as there are any",
             100.0 * stated,
@@ -50,11 +51,6 @@ fn of(stats: &SolverStats, slid: bool, tolerance: f64) -> Option<String> {
         )),
         _ => None,
     }
-}
-
-/// A part as it is shown, in hundredths of a percent.
-fn shown(part: f64) -> f64 {
-    (1e4 * part).round()
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::Background;
 use crate::optics::fast::WORKED;
+use crate::percent::reads_above;
 
 /// What whoever uses the pictures should know.
 #[derive(Debug, Clone, PartialEq)]
@@ -98,16 +99,11 @@ impl std::fmt::Display for Notice {
     }
 }
 
-/// A relRMSE as it is shown, in hundredths of a percent.
-fn shown(error: f64) -> f64 {
-    (1e4 * error).round()
-}
-
 impl Notice {
     /// What to say of a picture that states such an error where another is asked for, if anything: nothing of a difference that does
     /// not show.
     pub fn of_error(estimated: f64, tolerance: f64) -> Option<Self> {
-        (shown(estimated) > shown(tolerance)).then_some(Notice::AboveTolerance { estimated, tolerance })
+        reads_above(estimated, tolerance).then_some(Notice::AboveTolerance { estimated, tolerance })
     }
 
     /// What to say of a tolerance of the fast mode, if anything.
