@@ -33,6 +33,7 @@ pub mod grain;
 pub mod imager;
 pub mod imaging;
 pub mod irradiance;
+pub mod judge;
 pub mod lens_mesh;
 pub mod light;
 pub mod markers;

@@ -23,6 +23,7 @@ use crate::elastomer::ElastomerCapture;
 use crate::image;
 use crate::motion::Trajectory;
 use crate::optics;
+use crate::optics::judge::Judged;
 use serde::{Deserialize, Serialize};
 
 /// Which poses the twin follows.
@@ -77,6 +78,11 @@ impl Twin {
         capture: u32,
     ) -> Result<Picture, optics::Error> {
         self.view.picture(pad, wear, capture)
+    }
+
+    /// How far the light of that picture is from two of the reference mode, of so many samples a pixel each.
+    pub fn judged(&self, pad: &ElastomerCapture, wear: &Wear, samples: u32) -> Result<Judged, optics::Error> {
+        self.view.judged(pad, wear, samples)
     }
 
     /// Warns, once, of an answer of the elastomer that is in doubt. Its captures are those of `trajectory`.

@@ -298,7 +298,7 @@ fn a_simulated_press_is_relit_without_rendering() {
     std::fs::create_dir_all(at("sim/basis/000003")).expect("a folder");
     std::fs::write(at("sim/basis/000003/basis.json"), "[]").expect("a file");
     let output =
-        run(&[&["simulate", VIRTUAL, SMALL, "--out", &out, "--surface", "--basis"][..], &quick].concat());
+        run(&[&["simulate", VIRTUAL, SMALL, "--out", &out, "--basis", "--judge", "1"][..], &quick].concat());
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     assert!(!std::path::Path::new(&at("sim/basis/000003")).exists());
     let basis = at("sim/basis/000002");
@@ -311,6 +311,11 @@ fn a_simulated_press_is_relit_without_rendering() {
     let line: serde_json::Value = serde_json::from_str(&line).expect("a capture");
     assert!(line["light_error"].as_f64().is_some_and(|e| e > 0.0), "{line}");
     assert_eq!(list["estimated_error"], line["light_error"]);
+    // Two pictures of one sample a pixel find no more than that.
+    let [found, floor] = ["light_error_found", "light_error_floor"].map(|name| line[name].as_f64());
+    assert!(floor.is_some_and(|floor| floor > 0.0 && found < Some(0.05 + floor)), "{line}");
+    let summary = text(&output.stdout);
+    assert!(summary.contains("1 judged, the worst is 2:"), "{summary}");
     let picture = |path: &str| {
         let bytes = std::fs::read(path).expect("a picture");
         twinrig::image::png::decode(&bytes).expect("a PNG").rgb
@@ -589,7 +594,7 @@ fn what_optics_cannot_do_is_refused_before_the_work() {
     let (out, nowhere, file) = (at("a.npy"), at("none/a.npy"), at("file"));
     std::fs::write(&file, "").expect("a file");
     let below = at("file/x");
-    let cases: [(&[&str], &str); 22] = [
+    let cases: [(&[&str], &str); 24] = [
         (&["render", SCENE, "--out", &out, "--tolerance", "0.01"], "--mode fast"),
         (&["render", SCENE, "--out", &out, "--mode", "fast", "--seed", "3"], "--mode reference"),
         (&["render", SCENE, "--out", &out, "--mode", "fast", "--spp", "3"], "--mode reference"),
@@ -620,6 +625,11 @@ fn what_optics_cannot_do_is_refused_before_the_work() {
         (&["bench", "elastomer", "--smoke", "--out", &file], "choose another folder"),
         (&["stress", "optics", "--tolerance", "9"], "0.0001 to 0.5"),
         (&["simulate", VIRTUAL, SMALL, "--out", &nowhere, "--surface", "--background", &file], "--render"),
+        (&["simulate", VIRTUAL, SMALL, "--out", &nowhere, "--surface", "--judge", "4"], "add --render"),
+        (
+            &["simulate", VIRTUAL, SMALL, "--out", &nowhere, "--judge", "0"],
+            "\"0\" is not a whole number from 1 to 65536",
+        ),
         (
             &["simulate", VIRTUAL, SMALL, "--out", &nowhere, "--set", NO_TEXTURE, "--background", &file],
             "sensor.optics.texture=ratio",

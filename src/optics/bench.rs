@@ -8,8 +8,9 @@ pub mod cases;
 pub mod features;
 
 use super::bench_scene::Variant;
+use super::judge::Judge;
 use super::reuse::{Reuse, Seen};
-use super::trial::{Judge, Press, Trial};
+use super::trial::{Press, Trial};
 use super::{Albedo, Error, Film, Material, Mesh, Role, Scene, Surface, fast, reference};
 use glam::Vec3;
 use serde::Serialize;

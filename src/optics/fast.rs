@@ -45,6 +45,7 @@ mod lookout;
 mod mirrored;
 mod nodes;
 mod packed;
+mod pad_image;
 mod parted;
 mod piece;
 mod plate;

@@ -8,6 +8,7 @@ mod engine;
 mod notice;
 
 use super::basis_folder::Contents;
+use super::judge::{Judge, Judged};
 use super::ratio::Worn;
 use super::reuse::{Basis, Reuse, Seen};
 use super::sensor::{SensorOptics, TextureMode};
@@ -237,6 +238,17 @@ impl Imager {
             build_s,
             render_s,
         })
+    }
+
+    /// How far the light of that picture is from two of the reference mode, of so many samples a pixel each. (It is not rendered again
+    /// if it was the last.)
+    ///
+    /// # Errors
+    /// As [`Imager::picture`].
+    pub fn judged(&self, surface: &DisplacedSurface, samples: u32) -> Result<Judged, Error> {
+        let scene = self.scene(surface)?;
+        let (seen, _) = self.seen(&scene)?;
+        Ok(Judge::new(&scene, samples)?.judged(&seen.light))
     }
 
     /// How the camera forms pictures of light, for whoever changes that afterwards.

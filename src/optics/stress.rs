@@ -6,12 +6,14 @@
 //! and lights here are others than those that the estimate's constants were found on, so they test its honesty. So do scenes that
 //! are drawn at random (`random`), in which nobody's idea of what is hard is left.
 
+mod cameras;
 mod cases;
 mod grazing;
 mod lamps;
 mod random;
 
-use super::trial::{Judge, Trial, bound};
+use super::judge::{Judge, Judged};
+use super::trial::{Trial, bound};
 use super::{Error, Film, Scene, fast, reference};
 use cases::cases;
 use glam::Vec3;
@@ -68,9 +70,6 @@ pub struct Verdict {
     /// What is wrong with that; none when all is well.
     pub faults: Vec<String>,
 }
-
-/// Errors may exceed the estimate by this factor, and by this much, before it is called dishonest: an estimate is no bound.
-const HONEST: (f64, f64) = (1.15, 0.0005);
 
 /// What a case may end as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -187,28 +186,25 @@ fn picture_of(
         times *= CLOSELY;
         trial = judged(&scene, &film, settings.judge_samples * times, estimated)?;
     }
-    for [error, floor] in [trial.pixels, trial.means] {
-        if error > HONEST.0 * estimated + HONEST.1 + floor {
-            faults.push(format!("the error is {error:.4}, the estimate said {estimated:.4}"));
-        }
+    for judged in [trial.pixels, trial.means].iter().filter(|judged| !judged.agrees_with(estimated)) {
+        faults.push(format!("the error is {:.4}, the estimate said {estimated:.4}", judged.error));
     }
-    let Judged { pixels: [error, floor], means, undecided } = trial;
-    Ok(Outcome::Picture { error, floor, means, estimated, undecided })
+    let Verdicts { pixels: Judged { error, floor }, means, undecided } = trial;
+    Ok(Outcome::Picture { error, floor, means: [means.error, means.floor], estimated, undecided })
 }
 
-/// Errors of a picture, and below what they drown in noise.
-struct Judged {
-    pixels: [f64; 2],
-    means: [f64; 2],
+/// What was found of a picture's pixels and of the means of squares of them.
+struct Verdicts {
+    pixels: Judged,
+    means: Judged,
     undecided: bool,
 }
 
-fn judged(scene: &Scene, film: &Film, samples: u32, estimated: f64) -> Result<Judged, Error> {
+fn judged(scene: &Scene, film: &Film, samples: u32, estimated: f64) -> Result<Verdicts, Error> {
     let judge = Judge::new(scene, samples)?;
-    let (of_means, shrunk) = (judge.of_means(SQUARE), film.shrunk(SQUARE));
-    let pixels = [judge.error(film), judge.floor()];
-    let means = [of_means.error(&shrunk), of_means.floor()];
-    Ok(Judged { pixels, means, undecided: pixels[1].min(means[1]) > estimated })
+    let pixels = judge.judged(film);
+    let means = judge.of_means(SQUARE).judged(&film.shrunk(SQUARE));
+    Ok(Verdicts { pixels, means, undecided: pixels.floor.min(means.floor) > estimated })
 }
 
 /// Pixels along a side of the squares whose means are judged.

@@ -6,6 +6,7 @@ use crate::image::{self, Mask};
 use crate::optics::Error;
 use crate::optics::basis_folder::Contents;
 use crate::optics::imager::{Background, Imager, Method, Notice};
+use crate::optics::judge::Judged;
 use crate::optics::sensor::SensorOptics;
 use crate::optics::store::Store;
 use crate::optics::surface::DisplacedSurface;
@@ -161,6 +162,14 @@ impl View {
             notice: seen.notice,
             took: begun.elapsed(),
         })
+    }
+
+    /// How far the light of that picture is from two of the reference mode, of so many samples a pixel each.
+    ///
+    /// # Errors
+    /// As [`View::picture`].
+    pub fn judged(&self, pad: &ElastomerCapture, wear: &Wear, samples: u32) -> Result<Judged, Error> {
+        wear.imager.judged(&displaced(pad, wear.shape), samples)
     }
 
     /// Where the contact is in the picture, with a margin: what happens around a contact belongs to it.

@@ -1,11 +1,13 @@
 //! Where outcomes arrive: each is rendered, written and accounted for.
 
 use super::account::{Account, Ended};
+use super::verdict::Verdicts;
 use super::{Args, SimulateError, screen};
 use crate::dataset::depth;
 use crate::image::{npy, png};
 use crate::motion::Trajectory;
 use crate::optics::basis_folder;
+use crate::optics::judge::Judged;
 use crate::pose::Pose;
 use crate::twin::{Deformed, Outcome, Picture, Twin, Wear};
 
@@ -17,6 +19,7 @@ pub(super) struct Desk<'a> {
     pub trajectory: &'a Trajectory,
     pub bar: &'a indicatif::ProgressBar,
     pub account: Account,
+    pub verdicts: Verdicts,
 }
 
 impl Desk<'_> {
@@ -49,6 +52,7 @@ impl Desk<'_> {
             Some(wear) => Some(self.twin.picture(&deformed.pad, wear, deformed.captures[0])?),
             None => None,
         };
+        let judged = self.judged(deformed)?;
         for capture in &deformed.captures {
             let surface = &deformed.pad.surface;
             if self.args.surface {
@@ -63,10 +67,20 @@ impl Desk<'_> {
                 let (w, h) = (picture.image.width, picture.image.height);
                 self.write(&format!("depth/{capture:06}.tiff"), &depth::encode(w, h, &picture.depth_mm)?)?;
             }
-            self.account.add(*capture, Ended::Simulated, self.line(*capture, deformed, picture.as_ref()))?;
+            if let (Some(judged), Some(picture)) = (judged, &picture) {
+                self.verdicts.add(*capture, judged, picture.estimated_error);
+            }
+            let line = self.line(*capture, deformed, picture.as_ref().map(|picture| (picture, judged)));
+            self.account.add(*capture, Ended::Simulated, line)?;
             self.bar.inc(1);
         }
         Ok(())
+    }
+
+    /// How far its picture is from the truth, where that is asked for.
+    fn judged(&self, deformed: &Deformed) -> Result<Option<Judged>, SimulateError> {
+        let asked = self.args.judge.zip(self.wear);
+        Ok(asked.map(|(samples, wear)| self.twin.judged(&deformed.pad, wear, samples)).transpose()?)
     }
 
     fn write(&self, name: &str, bytes: &[u8]) -> Result<(), SimulateError> {
@@ -86,7 +100,7 @@ impl Desk<'_> {
     }
 
     /// The line of a capture that was simulated.
-    fn line(&self, capture: u32, deformed: &Deformed, picture: Option<&Picture>) -> String {
+    fn line(&self, capture: u32, deformed: &Deformed, picture: Option<(&Picture, Option<Judged>)>) -> String {
         let (forces, pad) = (&deformed.pad.forces, &deformed.pad);
         let mut line = self.row(capture, "simulated", deformed.pose);
         line["normal_force_n"] = serde_json::json!(forces.normal_force_n);
@@ -94,12 +108,16 @@ impl Desk<'_> {
         line["torque_n_mm"] = serde_json::json!(forces.torque_n_mm);
         line["solver"] = serde_json::json!(pad.stats);
         line["seconds"] = serde_json::json!(deformed.took.as_secs_f64());
-        if let Some(picture) = picture {
+        if let Some((picture, judged)) = picture {
             line["render_seconds"] = serde_json::json!(picture.took.as_secs_f64());
             line["optics_mode"] = serde_json::json!(picture.method.name());
             line["spp"] = serde_json::json!(picture.method.samples());
             line["light_error"] = serde_json::json!(picture.estimated_error);
             line["light_meets_tolerance"] = serde_json::json!(picture.meets_tolerance);
+            if let Some(Judged { error, floor }) = judged {
+                line["light_error_found"] = serde_json::json!(error);
+                line["light_error_floor"] = serde_json::json!(floor);
+            }
         }
         line.to_string()
     }

@@ -6,7 +6,8 @@
 
 use super::Clock;
 use crate::optics::bench_scene::Variant;
-use crate::optics::trial::{Judge, Press, Trial};
+use crate::optics::judge::{Judge, Judged};
+use crate::optics::trial::{Press, Trial};
 use crate::optics::{Error, Material, Scene, fast};
 use glam::Vec3;
 use serde::Serialize;
@@ -155,7 +156,7 @@ pub(super) fn run(
         let lit = once.with_radiances(&radiances)?;
         let (took, (film, estimated)) = clock.time(|| super::frame(&lit, &scene, settings.tolerance))?;
         let judge = Judge::new(&scene, settings.judge_samples)?;
-        let (error, floor) = (judge.error(&film), judge.floor());
+        let Judged { error, floor } = judge.judged(&film);
         let measured = Measured { error, floor, estimated, cpu_s: took.cpu_s, wall_s: took.wall_s };
         done.push(Case { name, outcome: Ok(measured) });
         prepared = Some((key, once));

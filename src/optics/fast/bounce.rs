@@ -241,7 +241,7 @@ impl Cells<'_> {
             return Changes { gains: self.packing.unpack(gains), echoed: vec![0.0; traces::count(lights)] };
         };
         self.send_unseen(untouched, &mut sent);
-        let answers = echo.answers(&echo.reached(&sent, self.lost, films));
+        let answers = echo.answers(&echo.reached(&sent, self.lost, films), &sent);
         let echoes = gains.par_iter_mut().zip(&answers).enumerate();
         let echoes = echoes.map(|(film, (gains, answer))| self.echo(&means, film, answer, gains));
         let (means, changes): (Vec<Vec3>, Vec<Vec<Vec3>>) = echoes.map(|e| (e.mean, e.changes)).unzip();

@@ -20,6 +20,9 @@ use std::f32::consts::FRAC_1_PI;
 const CREASE: f32 = 0.2;
 /// Where a pixel's corners differ in height by more than this many pixels, they see different things.
 const STEEPEST: f32 = 8.0;
+/// One over a crease that rises by more has a flank in it, and counts part by part where light bounces: its mean normal is no part's.
+/// (An upright step under one light was 1.6 % off where it counted as a whole, and is 0.6.)
+const FLANKED: f32 = 2.0;
 /// Flanks steeper than this, as the part of the normal towards the eye, count as this steep.
 const LEVEL: f32 = 0.01;
 /// Where nothing is seen.
@@ -182,7 +185,7 @@ impl<const N: usize> Desk<'_, N> {
         self.block.prepare(four, if middle == NOWHERE { 0.0 } else { (middle - mean).abs() });
         let scale = [1.0 / (x1 - x0) as f32, 1.0 / (y1 - y0) as f32];
         let limit = Eight::all(STEEPEST * self.frame.once.pixel_mm);
-        let crease = Eight::all(CREASE * self.frame.once.pixel_mm);
+        let [crease, flanked] = [CREASE, FLANKED].map(|pixels| Eight::all(pixels * self.frame.once.pixel_mm));
         let columns = x1 - x0;
         let at_once = (WIDTH / columns).max(1);
         for top in (y0..y1).step_by(at_once) {
@@ -222,6 +225,7 @@ impl<const N: usize> Desk<'_, N> {
                 (after - before).abs().max((rise - before + rise - after).abs())
             };
             let uneven = steep.or(crease.below(bend(1, b.z).max(bend(stride, c.z))));
+            let steep = steep.or(uneven.and(flanked.below(high - low)));
             let point = (a + b + c + d).scaled(Eight::all(0.25));
             // The picture's y runs downwards: this order points to the camera.
             let normal = (c - b).cross(d - a).unit();

@@ -11,6 +11,7 @@
 use super::exchange::{Exchange, Sparse};
 use super::grid::{Grid, Layout, Places};
 use super::lanes::{WIDTH, Work, with_widest};
+use super::pad_image::PadImage;
 use super::probes::{self, NUMBERS, TERMS};
 use super::radiosity;
 use super::source::Lamp;
@@ -59,6 +60,8 @@ pub struct Echo {
     pub(super) colours: usize,
     /// Patches on which a pressed pad may throw its shadow.
     pub(super) low: Vec<Low>,
+    /// What a plate mirrors of the pad.
+    pub(super) image: PadImage,
 }
 
 impl Echo {
@@ -75,7 +78,9 @@ impl Echo {
         let (cell_px, size) = super::sending_cells(view);
         let above = 1e-3 + 2.0 * world.offset;
 
-        let coarse = Layout { step_mm: STEP_MM, lift_mm: LIFT_MM, lift_step_mm: LIFT_MM[1], ..*layout };
+        // (Under a plate the layout ends below it.)
+        let lift_mm = [LIFT_MM[0], LIFT_MM[1].min(layout.lift_mm[1])];
+        let coarse = Layout { step_mm: STEP_MM, lift_mm, lift_step_mm: lift_mm[1], ..*layout };
         let places = Places::new(&coarse, &rest);
         if events < 2 || places.is_curved() {
             return None;
@@ -207,7 +212,8 @@ impl Echo {
         let exchange = Exchange { onward, albedos, areas };
         let response = exchange.seen(&rows, events - 1);
         let ends = met.iter().map(group).collect();
-        Some(Self { size, ends, places, response, groups, colours: exchange.colours(), low })
+        let image = PadImage::new(view, &places, (cell_px, size), events, &rest);
+        Some(Self { size, ends, places, response, groups, colours: exchange.colours(), low, image })
     }
 
     /// What reaches each group: by picture what each cell sends in each direction (power, in units of mm^2; by cell, picture and
@@ -231,8 +237,9 @@ impl Echo {
         (0..films).map(|film| power.iter().skip(film).step_by(films).copied().collect()).collect()
     }
 
-    /// By picture: the irradiance that comes back of what has reached each group. The response is read once for all pictures.
-    pub fn answers(&self, reached: &[Vec<Vec3>]) -> Vec<Grid<NUMBERS>> {
+    /// By picture: the irradiance that comes back of what has reached each group, and of what was `sent` by way of a plate. The response
+    /// is read once for all pictures.
+    pub fn answers(&self, reached: &[Vec<Vec3>], sent: &[Vec3]) -> Vec<Grid<NUMBERS>> {
         let films = reached.len();
         // (Of white lights all colours get the same.)
         let grey = self.colours == 1 && reached.iter().flatten().all(|p| p.x == p.y && p.x == p.z);
@@ -253,6 +260,7 @@ impl Echo {
         nodes.zip(values.par_chunks_exact_mut(films)).for_each(|(response, out)| {
             with_widest(Returned { response, groups: self.groups, columns: &columns, grey, out });
         });
+        self.image.add(sent, films, &mut values);
         let of_film = |film: usize| values.iter().skip(film).step_by(films).copied().collect();
         (0..films).map(|film| Grid::from_values(self.places.clone(), of_film(film))).collect()
     }
@@ -263,6 +271,7 @@ impl Echo {
         self.ends.len() == cells * DIRECTIONS * RAYS
             && (self.colours == 1 || self.colours == 3)
             && self.response.len() == self.places.count() * TERMS * self.colours * self.groups
+            && self.image.fits(self.places.count(), cells)
             && self.low.iter().all(|low| usize::from(low.group) < self.groups)
             && self.ends.iter().all(|end| *end == NOWHERE || usize::from(*end) < self.groups)
     }
@@ -337,7 +346,7 @@ fn products(row: &[f32], others: [&[f32]; ABREAST]) -> [f32; ABREAST] {
 }
 
 /// Where a ray from above meets the untouched face.
-fn on_face(start: Vec3, along: Vec3, rest: &impl Fn(Vec2) -> f32) -> Vec3 {
+pub fn on_face(start: Vec3, along: Vec3, rest: &impl Fn(Vec2) -> f32) -> Vec3 {
     let mut z = 0.0;
     let mut p = start;
     for _ in 0..4 {
@@ -422,13 +431,13 @@ mod tests {
             [(1, true, 1), (1, true, 3), (1, false, 1), (1, false, 5), (3, true, 6), (3, false, 2)]
         {
             let response: Vec<f32> = (0..places.count() * TERMS * colours * groups).map(number).collect();
-            let (ends, low, places) = (Vec::new(), Vec::new(), places.clone());
-            let echo = Echo { size: [0; 2], ends, places, response, groups, colours, low };
+            let (ends, low, image, places) = (Vec::new(), Vec::new(), PadImage::default(), places.clone());
+            let echo = Echo { size: [0; 2], ends, places, response, groups, colours, low, image };
             let power =
                 |k: usize| Vec3::from_array([0, 1, 2].map(|c| number(k + if grey { 0 } else { 1000 * c })));
             let reached: Vec<Vec<Vec3>> =
                 (0..films).map(|film| (0..groups).map(|group| power(7 * film + group)).collect()).collect();
-            let answers = echo.answers(&reached);
+            let answers = echo.answers(&reached, &[]);
             assert_eq!(answers.len(), films);
             for (answer, power) in answers.iter().zip(&reached) {
                 for (node, numbers) in answer.parts().1.iter().enumerate() {

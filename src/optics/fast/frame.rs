@@ -78,6 +78,8 @@ pub struct Pictures {
     pub glowed: Vec<f64>,
     /// The same of what is wrong at the feet of lamps.
     pub feet: Vec<f64>,
+    /// The same of the light of walls that show, and of what of lamps does not shine.
+    pub walls: Vec<f64>,
     /// Sum over pixels and channels of the variances of what mixed pixels are means of.
     pub spread: Vec<f64>,
     /// Rms over the face of |n - n0|^2, which tells how steep the press made it.
@@ -123,7 +125,7 @@ impl<const N: usize> Frame<'_, N> {
             true => self.rebound(&shaded, border_mm, &mut films),
             false => Rebound::nothing(films.len()),
         };
-        let [glowed, feet] = self.lay_fixed(&mut films, &glows, &mut shaded.spread);
+        let [glowed, feet, walls] = self.lay_fixed(&mut films, &glows, &mut shaded.spread);
         Pictures {
             means: films.iter().map(Film::mean).collect(),
             films,
@@ -135,6 +137,7 @@ impl<const N: usize> Frame<'_, N> {
             sided: self.sided.iter().map(|l| (*l, self.faced(&nodes, *l))).collect(),
             glowed,
             feet,
+            walls,
             spread: shaded.spread,
         }
     }

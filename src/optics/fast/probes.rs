@@ -156,6 +156,12 @@ pub fn looks(curved: bool) -> (Vec<Vec3>, Vec<[f32; TERMS]>) {
     Fit::new(curved).looks()
 }
 
+/// What radiance over solid angle from a direction adds to each term.
+pub fn by_direction(curved: bool) -> impl Fn(Vec3) -> [f32; TERMS] + Sync {
+    let fit = Fit::new(curved);
+    move |direction| fit.weights(direction)
+}
+
 /// How far above the untouched face the lowest nodes are, mm.
 pub fn clearance(curved: bool) -> f32 {
     CLEARANCE_MM[usize::from(curved)]

@@ -149,17 +149,17 @@ impl Target<'_> {
     }
 }
 
-/// The first sample at or after `x`.
+/// The first sample at or after `x`. (A camera sees points beside itself as far away as numbers go.)
 #[inline(always)]
 fn first_at(x: f32) -> usize {
     let whole = x.max(0.0) as usize;
-    whole + usize::from((whole as f32) < x)
+    whole.saturating_add(usize::from((whole as f32) < x))
 }
 
 /// The sample after the last one at or before `x`, of `n`.
 #[inline(always)]
 fn past(x: f32, n: usize) -> usize {
-    if x < 0.0 { 0 } else { (x as usize + 1).min(n) }
+    if x < 0.0 { 0 } else { (x as usize).saturating_add(1).min(n) }
 }
 
 /// The corners of a lattice's triangle.
@@ -192,6 +192,16 @@ mod tests {
                 let [a, ..] = corners(s.triangle, nx);
                 assert!((vertices[a].truncate() - Vec2::new(px, py)).length() < 10.0);
             }
+        }
+    }
+
+    #[test]
+    fn what_reaches_beyond_all_numbers_is_left_out() {
+        for far in [1e30, f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {
+            let beside = |x: f32| [0.0, 9.0].map(|y| Vec3::new(x, y, 1.0));
+            let vertices = [beside(0.0), beside(4.0), beside(far), [Vec3::splat(far); 2]].concat();
+            let samples = Projected { lattice: [2, 4], vertices: &vertices, offset: 0.5 }.draw(8, 8);
+            assert!(samples.iter().enumerate().all(|(k, s)| (k % 8 > 3 || s.value == 1.0) && s.value != far));
         }
     }
 

@@ -4,13 +4,14 @@ use super::cover::{Covers, SAMPLES};
 use super::echo::Echo;
 use super::glow::{Glow, Spot};
 use super::grid::{Grid, Places};
+use super::pad_image::PadImage;
 use super::wall_shadow::Low;
 use super::{Precomputed, Tables};
 use crate::optics::{Albedo, Material, Mesh, Role, Scene};
 use glam::{Vec2, Vec3};
 
 /// Changes whenever tables of the same scene would be worked out differently, or are written differently.
-const FORMAT: u32 = 28;
+const FORMAT: u32 = 29;
 
 /// The hash of everything that the tables follow from.
 pub fn key(scene: &Scene) -> [u8; 32] {
@@ -113,6 +114,9 @@ pub fn encode(tables: &Tables) -> Vec<u8> {
         words(&mut out, &mut nodes.into_iter().map(|n| n as f32));
         words(&mut out, &mut rest.iter().copied());
         words(&mut out, &mut echo.response.iter().copied());
+        words(&mut out, &mut echo.image.counts.iter().map(|n| *n as f32));
+        words(&mut out, &mut echo.image.of.iter().map(|n| *n as f32));
+        words(&mut out, &mut echo.image.parts.iter().flatten().copied());
     }
     out
 }
@@ -194,7 +198,9 @@ impl Reader<'_> {
         let low = low.collect();
         let ends = self.words()?.iter().map(|end| *end as u16).collect();
         let (places, response) = (self.places()?, self.words()?);
-        let echo = Echo { size: [nx, ny], ends, places, response, groups, colours, low };
+        let [counts, of] = [self.words()?, self.words()?].map(|n| n.into_iter().map(|n| n as u32).collect());
+        let image = PadImage { counts, of, parts: self.words()?.as_chunks().0.to_vec() };
+        let echo = Echo { size: [nx, ny], ends, places, response, groups, colours, low, image };
         echo.fits().then_some(echo)
     }
 

@@ -6,7 +6,10 @@ use super::horizon::Heights;
 use super::raster::{self, Projected};
 use super::slots::Slots;
 use super::source::{LINES, MOST_LINES};
-use super::suited::{lattice_of, lights_off_face, lit_from_within, pad_of, same_but_pad_mesh, unsupported};
+use super::suited::{
+    lattice_of, lights_clear_of_face, lights_off_face, lit_from_within, pad_of, same_but_pad_mesh,
+    unsupported,
+};
 use super::traced::Traced;
 use super::view::View;
 use super::{DIRECT_LIFT_MM, Precomputed};
@@ -86,8 +89,11 @@ impl<'a> Renderer<'a> {
         effort.bounce = scene.max_events > 1 && !dark;
         let heights = Heights::of(&pad.mesh, lattice, effort.cells);
         let effort = effort.over(&heights);
-        lit_from_within(scene, heights.extent(), |p| heights.at(p))?;
-        lights_off_face(&scene.lights, &once.view, once.pixel_mm, heights.extent(), |p| heights.at(p))?;
+        let (lights, view, extent, face) =
+            (&scene.lights, &once.view, heights.extent(), |p: Vec2| heights.at(p));
+        lit_from_within(scene, extent, face)?;
+        lights_clear_of_face(lights, pad, view, extent, face)?;
+        lights_off_face(lights, view, once.pixel_mm, extent, face)?;
         Ok(Self { once, mesh: pad.mesh.clone(), lattice, albedo: albedo.clone(), heights, effort, tolerance })
     }
 
@@ -229,6 +235,7 @@ impl<'a> Renderer<'a> {
             scaled(&mut pictures.bounced, once);
             scaled(&mut pictures.glowed, once);
             scaled(&mut pictures.feet, once);
+            scaled(&mut pictures.walls, once);
         }
         pictures
     }

@@ -142,8 +142,8 @@ pub(super) fn lights_off_face(
     Ok(())
 }
 
-/// Refuses lights most of whose light falls on the untouched face right beside them, in the view or beyond it: it is sent on from
-/// within less than a patch. (A black pad sends nothing on.)
+/// Refuses lights most of whose light falls on the face right beside them, in the view or beyond it: it is sent on from within less
+/// than a patch, or from where a press has lifted the face after patches were made. (A black pad sends nothing on.)
 pub(super) fn lights_clear_of_face(
     lights: &[Light],
     pad: &Surface,

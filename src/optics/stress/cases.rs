@@ -1,8 +1,8 @@
 //! Odd pads, scales and scenes.
 
-use super::grazing;
 use super::lamps::{self, at_height};
 use super::{Case, Due, Make, Settings};
+use super::{cameras, grazing};
 use crate::optics::bench_scene::Variant;
 use crate::optics::trial::{Press, Trial};
 use crate::optics::{Albedo, Error, Light, LightShape, Material, Mesh, Role, Scene};
@@ -72,6 +72,7 @@ pub(super) fn cases() -> Vec<Case> {
     }
     lamps::misplaced(&mut cases);
     in_view(&mut cases);
+    cameras::cases(&mut cases);
     extremes(&mut cases);
     lamps::by_plate(&mut cases);
     lamps::profiled(&mut cases);

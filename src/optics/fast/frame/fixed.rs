@@ -14,7 +14,7 @@ impl<const N: usize> Frame<'_, N> {
         films: &mut [Film],
         glows: &[Vec<Vec3>],
         spread: &mut [f64],
-    ) -> [Vec<f64>; 2] {
+    ) -> [Vec<f64>; 3] {
         let (once, count, width) = (self.once, films.len(), self.once.view.camera.width);
         let covers = &once.tables.covers;
         let parts = covers.parts(|pixel| self.values(pixel % width, pixel / width));
@@ -26,13 +26,13 @@ impl<const N: usize> Frame<'_, N> {
     }
 
     /// Adds what the press changes in the light on fixed parts, by picture and spot, to the pixels that show them. The sums over
-    /// pixels and channels of the squares of what that is, and of what is wrong at the feet of lamps. `parts` are those of the
-    /// covers.
-    fn add_glow(&self, films: &mut [Film], glows: &[Vec<Vec3>], parts: &[[f32; 2]]) -> [Vec<f64>; 2] {
+    /// pixels and channels of the squares of what that is, of what is wrong at the feet of lamps, and of the light of walls and of what
+    /// of lamps does not shine. `parts` are those of the covers.
+    fn add_glow(&self, films: &mut [Film], glows: &[Vec<Vec3>], parts: &[[f32; 2]]) -> [Vec<f64>; 3] {
         let tables = &self.once.tables;
         let (columns, level) = (self.once.view.corners()[0], self.once.level());
         let radiances = &self.once.radiances;
-        let [mut squares, mut feet] = [(); 2].map(|()| vec![0.0; traces::count(films.len())]);
+        let [mut squares, mut feet, mut walls] = [(); 3].map(|()| vec![0.0; traces::count(films.len())]);
         // Both are in the order of pixels.
         let mut covered = tables.covers.pixels.iter().zip(parts).peekable();
         for &[pixel, spot] in &tables.glow.pixels {
@@ -46,6 +46,9 @@ impl<const N: usize> Frame<'_, N> {
                     0.25 * four.iter().filter(|(x, y)| self.corner(*x, *y).is_none()).count() as f32
                 }
             };
+            if !tables.glow.spots[spot].shines {
+                traces::add_squares(&mut walls, films.iter().map(|film| film.pixels[at] * part), radiances);
+            }
             let foot = tables.glow.spots[spot].foot_error(level);
             traces::add_squares(&mut feet, films.iter().map(|film| film.pixels[at] * foot), radiances);
             let added = films.iter_mut().zip(glows).map(|(film, glow)| {
@@ -55,6 +58,6 @@ impl<const N: usize> Frame<'_, N> {
             });
             traces::add_squares(&mut squares, added, radiances);
         }
-        [squares, feet]
+        [squares, feet, walls]
     }
 }
