@@ -201,7 +201,8 @@ mod tests {
             let beside = |x: f32| [0.0, 9.0].map(|y| Vec3::new(x, y, 1.0));
             let vertices = [beside(0.0), beside(4.0), beside(far), [Vec3::splat(far); 2]].concat();
             let samples = Projected { lattice: [2, 4], vertices: &vertices, offset: 0.5 }.draw(8, 8);
-            assert!(samples.iter().enumerate().all(|(k, s)| (k % 8 > 3 || s.value == 1.0) && s.value != far));
+            let near = samples.iter().enumerate().filter(|(k, _)| k % 8 < 4);
+            near.for_each(|(k, s)| assert!((s.value - 1.0).abs() < 1e-3, "{far} {k} {s:?}"));
         }
     }
 

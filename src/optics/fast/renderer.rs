@@ -24,6 +24,9 @@ use std::sync::Arc;
 /// A picture whose error is this many times the tolerance has its bounced light traced, where flanks face each other.
 const TRACED_FROM: f64 = 1.6;
 
+/// A face that a press has lifted by more may be too near to a light that the untouched one is clear of, mm.
+const LIFTED_MM: f32 = 0.1;
+
 /// A pad as the prepared sensor sees it.
 pub struct Renderer<'a> {
     pub(super) once: &'a Precomputed,
@@ -92,7 +95,10 @@ impl<'a> Renderer<'a> {
         let (lights, view, extent, face) =
             (&scene.lights, &once.view, heights.extent(), |p: Vec2| heights.at(p));
         lit_from_within(scene, extent, face)?;
-        lights_clear_of_face(lights, pad, view, extent, face)?;
+        // (Where it has hardly moved the untouched face has told.)
+        let is_lifted = |p: Vec2, z: f32| once.total.lift(p.extend(z)) > LIFTED_MM;
+        let lifted = |p: Vec2| Some(face(p)).filter(|z| is_lifted(p, *z)).unwrap_or(f32::NEG_INFINITY);
+        lights_clear_of_face(lights, pad, view, extent, lifted)?;
         lights_off_face(lights, view, once.pixel_mm, extent, face)?;
         Ok(Self { once, mesh: pad.mesh.clone(), lattice, albedo: albedo.clone(), heights, effort, tolerance })
     }
