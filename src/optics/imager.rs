@@ -248,7 +248,8 @@ impl Imager {
     pub fn judged(&self, surface: &DisplacedSurface, samples: u32) -> Result<Judged, Error> {
         let scene = self.scene(surface)?;
         let (seen, _) = self.seen(&scene)?;
-        Ok(Judge::new(&scene, samples)?.judged(&seen.light))
+        let (Method::Reference(own) | Method::Fast { fallback: own, .. }) = self.method();
+        Ok(Judge::apart_from(own.seed, &scene, samples)?.judged(&seen.light))
     }
 
     /// How the camera forms pictures of light, for whoever changes that afterwards.

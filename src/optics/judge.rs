@@ -25,6 +25,10 @@ impl Judged {
 /// Errors may exceed the estimate by this factor, and by this much, before it is called dishonest.
 const HONEST: (f64, f64) = (1.15, 0.0005);
 
+/// Seeds of the judges, and one in place of that which a picture has.
+const SEEDS: [u32; 2] = [0xa, 0xb];
+const SPARE: u32 = 0xc;
+
 /// Two reference pictures.
 #[derive(Debug, Clone)]
 pub struct Judge {
@@ -37,9 +41,21 @@ impl Judge {
     /// # Errors
     /// When the scene cannot be rendered.
     pub fn new(scene: &Scene, samples: u32) -> Result<Self, Error> {
+        Self::of_seeds(scene, samples, SEEDS)
+    }
+
+    /// Those that share no random numbers with a picture of that seed: their noise must be independent of its own.
+    ///
+    /// # Errors
+    /// As [`Judge::new`].
+    pub fn apart_from(seed: u32, scene: &Scene, samples: u32) -> Result<Self, Error> {
+        Self::of_seeds(scene, samples, SEEDS.map(|own| if own == seed { SPARE } else { own }))
+    }
+
+    fn of_seeds(scene: &Scene, samples: u32, seeds: [u32; 2]) -> Result<Self, Error> {
         let renderer = reference::Renderer::new(scene)?;
         let picture = |seed| renderer.render(&reference::Settings { samples, seed });
-        Ok(Self { pictures: [picture(0xa), picture(0xb)] })
+        Ok(Self { pictures: seeds.map(picture) })
     }
 
     /// Who judges pictures shrunk to the means of squares of `grain` pixels.
@@ -119,5 +135,19 @@ mod tests {
         let judge = Judge { pictures: [1, 2].map(|seed| film(&|k| rare(seed, k))) };
         assert!((judge.noise() - 0.05).abs() < 5e-3);
         assert!((judge.floor() / 0.0158 - 1.0).abs() < 0.15, "{}", judge.floor());
+    }
+
+    #[test]
+    fn no_picture_is_judged_by_itself() {
+        use crate::optics::bench_scene::{Variant, parse};
+        let mut scene = parse(crate::optics::trial::SCENE, Variant::Ac).unwrap();
+        scene.camera = scene.camera.with_raster(16, 12);
+        let renderer = reference::Renderer::new(&scene).unwrap();
+        for seed in SEEDS {
+            let own = renderer.render(&reference::Settings { samples: 4, seed });
+            let judge = Judge::apart_from(seed, &scene, 4).unwrap();
+            assert_eq!(Judge::new(&scene, 4).unwrap().error(&own), 0.0);
+            assert!(judge.error(&own) > 0.3 * judge.noise(), "{} {}", judge.error(&own), judge.noise());
+        }
     }
 }

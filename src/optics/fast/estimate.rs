@@ -263,15 +263,17 @@ impl Renderer<'_> {
         let groove = if traced.is_some() { STRAIGHT_PART * groove } else { groove };
         let beyond = BEYOND_ERROR * pictures.border_mm;
         let bounces = self.once.bounces_between_walls();
-        let contrast = (self.rms(pictures, lit) / mean).max(1.0);
-        let plate = if self.once.view.slab.is_some() { PLATE_ERROR * contrast } else { 0.0 };
+        let plate = match self.once.view.slab {
+            Some(_) => PLATE_ERROR * self.contrast(pictures, lit).max(1.0),
+            None => 0.0,
+        };
         let mirrored = if self.once.has_lamps_below_plate() { MIRRORED_ERROR } else { 0.0 };
         let curved = if self.once.total.parts().0.is_curved() { CURVED_ERROR } else { 0.0 };
         let sources = || self.once.sources.iter().enumerate().filter(|(l, _)| shines(*l)).map(|(_, s)| s);
         let tube = if sources().any(Source::is_tube) { TUBE_ERROR } else { 0.0 };
         let profile = if sources().any(|s| s.angular().is_some()) { PROFILE_ERROR } else { 0.0 };
         let profile = profile / lights_in_effect.sqrt();
-        let uneven = (contrast / UNEVEN).max(1.0);
+        let uneven = (self.rms(pictures, lit) / mean / UNEVEN).max(1.0);
         let [base, tube, profile] = [base, tube, profile].map(|part| part * uneven);
         let lost = LOST_ERROR * bounces;
         // (Where one light leaves most of the picture dark, the same is more of what is left.)
@@ -292,21 +294,29 @@ impl Renderer<'_> {
 
     /// Root mean square over pixels and channels of a picture.
     fn rms(&self, pictures: &frame::Pictures, lit: Lit) -> f64 {
+        let n = pictures.films[0].pixels.len();
+        let squares = (0..n).map(|k| f64::from(self.light(pictures, lit, k).length_squared()));
+        (squares.sum::<f64>() / (3 * n) as f64).sqrt()
+    }
+
+    /// How uneven a picture is, whatever its colours: its rms over its mean, of what the channels have together.
+    fn contrast(&self, pictures: &frame::Pictures, lit: Lit) -> f64 {
+        let n = pictures.films[0].pixels.len();
+        let greys = || (0..n).map(|k| f64::from(self.light(pictures, lit, k).element_sum()));
+        let squares: f64 = greys().map(|grey| grey * grey).sum();
+        (squares * n as f64).sqrt() / greys().sum::<f64>().max(1e-30)
+    }
+
+    /// The light of a pixel.
+    fn light(&self, pictures: &frame::Pictures, lit: Lit, k: usize) -> Vec3 {
         let films = &pictures.films;
-        let square = |k: usize| {
-            let light = match (&films[..], lit) {
-                ([one], _) => one.pixels[k],
-                (many, Lit::By(light)) => many[light].pixels[k],
-                (many, Lit::ByAll) => many
-                    .iter()
-                    .zip(&self.once.radiances)
-                    .map(|(film, radiance)| film.pixels[k] * *radiance)
-                    .sum(),
-            };
-            f64::from(light.length_squared())
-        };
-        let n = films[0].pixels.len();
-        ((0..n).map(square).sum::<f64>() / (3 * n) as f64).sqrt()
+        match (&films[..], lit) {
+            ([one], _) => one.pixels[k],
+            (many, Lit::By(light)) => many[light].pixels[k],
+            (many, Lit::ByAll) => {
+                many.iter().zip(&self.once.radiances).map(|(film, radiance)| film.pixels[k] * *radiance).sum()
+            }
+        }
     }
 
     /// Mean over the pixels of a picture.

@@ -7,7 +7,7 @@ use super::raster::{self, Projected};
 use super::slots::Slots;
 use super::source::{LINES, MOST_LINES};
 use super::suited::{
-    lattice_of, lights_clear_of_face, lights_off_face, lit_from_within, pad_of, same_but_pad_mesh,
+    lattice_of, lights_clear_of_press, lights_off_face, lit_from_within, pad_of, same_but_pad_mesh,
     unsupported,
 };
 use super::traced::Traced;
@@ -95,10 +95,9 @@ impl<'a> Renderer<'a> {
         let (lights, view, extent, face) =
             (&scene.lights, &once.view, heights.extent(), |p: Vec2| heights.at(p));
         lit_from_within(scene, extent, face)?;
-        // (Where it has hardly moved the untouched face has told.)
-        let is_lifted = |p: Vec2, z: f32| once.total.lift(p.extend(z)) > LIFTED_MM;
-        let lifted = |p: Vec2| Some(face(p)).filter(|z| is_lifted(p, *z)).unwrap_or(f32::NEG_INFINITY);
-        lights_clear_of_face(lights, pad, view, extent, lifted)?;
+        // (Where it has hardly moved the untouched face has told, and a black pad sends nothing on.)
+        let is_lifted = |p: Vec2, z: f32| !dark && once.total.lift(p.extend(z)) > LIFTED_MM;
+        lights_clear_of_press(lights, extent, |p| Some(face(p)).filter(|z| is_lifted(p, *z)))?;
         lights_off_face(lights, view, once.pixel_mm, extent, face)?;
         Ok(Self { once, mesh: pad.mesh.clone(), lattice, albedo: albedo.clone(), heights, effort, tolerance })
     }

@@ -142,8 +142,8 @@ pub(super) fn lights_off_face(
     Ok(())
 }
 
-/// Refuses lights most of whose light falls on the face right beside them, in the view or beyond it: it is sent on from within less
-/// than a patch, or from where a press has lifted the face after patches were made. (A black pad sends nothing on.)
+/// Refuses lights most of whose light falls on the untouched face right beside them, in the view or beyond it: it is sent on from
+/// within less than a patch. (A black pad sends nothing on.)
 pub(super) fn lights_clear_of_face(
     lights: &[Light],
     pad: &Surface,
@@ -174,6 +174,50 @@ pub(super) fn lights_clear_of_face(
         }
     }
     Ok(())
+}
+
+/// Refuses lights that a press has brought the face so near to, anywhere along them: light was solved without it. `lifted` tells the
+/// height of the face where a press has lifted it.
+pub(super) fn lights_clear_of_press(
+    lights: &[Light],
+    [low, high]: [Vec2; 2],
+    lifted: impl Fn(Vec2) -> Option<f32>,
+) -> Result<(), Error> {
+    for light in lights {
+        let [from, to] = along(&light.shape);
+        let places = (0..=EDGE_POINTS).map(|k| from.lerp(to, k as f32 / EDGE_POINTS as f32));
+        let gaps = places.filter_map(|place| {
+            let across = place.truncate();
+            let beside = across.clamp(low, high);
+            let gap_mm = place.z - lifted(beside)?;
+            (beside.distance(across) < BESIDE_PAD_MM).then_some(gap_mm)
+        });
+        let gap_mm = gaps.fold(f32::INFINITY, f32::min);
+        if gap_mm < CLEAR_MM {
+            let value = format!("{:?}, {gap_mm:.2} mm over what a press has lifted", light.name);
+            let wanted = format!("lights whose middle is {CLEAR_MM} mm or more over the pressed pad only");
+            return Err(unsupported("lights", &value, &wanted));
+        }
+    }
+    Ok(())
+}
+
+/// The line along the middle of a light, as level as it has one.
+fn along(shape: &LightShape) -> [Vec3; 2] {
+    match shape {
+        LightShape::Rectangle { center, half_u, half_v } => {
+            let rise = |half: &Vec3| half.z.abs() / half.length().max(1e-12);
+            let half = if rise(half_u) < rise(half_v) { *half_u } else { *half_v };
+            [*center - half, *center + half]
+        }
+        LightShape::Disc { center, normal, radius } => {
+            let half = normal.cross(Vec3::Z).normalize_or(Vec3::X) * *radius;
+            [*center - half, *center + half]
+        }
+        LightShape::Tube { from, to, .. } => [*from, *to],
+        // (None has a closed form.)
+        LightShape::Mesh(_) => [Vec3::INFINITY; 2],
+    }
 }
 
 /// Whether a light faces the pad or the ceiling rather than walls.

@@ -3,6 +3,7 @@ mod lamps;
 mod plates;
 
 use super::*;
+use crate::optics::trial::{Press, Trial};
 use crate::optics::{Film, LightShape, Material, Mesh, Role, Surface, bench_scene, reference};
 use std::f32::consts::FRAC_1_PI;
 use std::sync::{Arc, LazyLock};
@@ -315,4 +316,53 @@ fn what_it_cannot_render_it_refuses_and_names_the_reference() {
     let mut moved = scene(bench_scene::Variant::Ac, sphere);
     moved.lights[0].radiance *= 2.0;
     assert!(Renderer::new(&ONCE, &moved, 0.005).is_err());
+}
+
+/// The benchmark scene with an upright step up at x = 0.5 mm, under its first light alone, with another shape.
+fn step_under(shape: LightShape) -> Trial {
+    let mut trial = Trial::new(bench_scene::Variant::Ac, Press::Cliff, [96, 72], [401, 301]).unwrap();
+    trial = trial.changed(|scene| {
+        scene.lights.truncate(1);
+        scene.lights[0].shape = shape.clone();
+    });
+    trial
+}
+
+#[test]
+fn what_the_foot_of_a_step_lost_is_not_taken_from_its_rim() {
+    // Columns 51 and 53 show the rim, whose pixels are upright flank to a tenth, and what is level behind it.
+    let shape = LightShape::Disc { center: Vec3::new(9.7, 1.6, 6.6), normal: Vec3::NEG_X, radius: 1.0 };
+    let Trial { scene, untouched } = step_under(shape);
+    let once = Precomputed::new(&untouched).unwrap();
+    let film = Renderer::new(&once, &scene, 0.005).unwrap().render();
+    let settings = reference::Settings { samples: 32, seed: 1 };
+    let truth = reference::Renderer::new(&scene).unwrap().render(&settings);
+    let [part, truth] = [film, truth].map(|film| {
+        let column = |x: usize| (0..72).map(|y| film.pixels[y * 96 + x].x).sum::<f32>();
+        column(51) / column(53)
+    });
+    assert!((part - truth).abs() < 0.03, "{part} {truth}");
+}
+
+#[test]
+fn a_press_that_comes_near_a_light_is_left_to_the_reference() {
+    let upright = |z: f32, half_mm: f32| LightShape::Rectangle {
+        center: Vec3::new(9.99, 0.0, z),
+        half_u: Vec3::Y * half_mm,
+        half_v: Vec3::Z * 0.2,
+    };
+    let refused = |shape: LightShape, change: fn(&mut Vec3)| {
+        let Trial { mut scene, untouched } = step_under(shape);
+        Arc::make_mut(&mut scene.surfaces[0].mesh).positions.iter_mut().for_each(change);
+        let once = Precomputed::new(&untouched).unwrap();
+        Renderer::new(&once, &scene, 0.005).err().map(|e| e.to_string())
+    };
+    // The step's upper side is a millimetre high, and lies under this.
+    let near = refused(upright(1.55, 1.0), |_| ());
+    assert!(near.is_some_and(|why| why.contains("0.55 mm over what a press has lifted")));
+    assert_eq!(refused(upright(1.75, 1.0), |_| ()), None);
+    // So it does if it lies under an end of it alone, and not if it hardly rises.
+    let end_alone = refused(upright(1.55, 4.0), |p| p.z *= f32::from(u8::from(p.y > 3.0)));
+    assert!(end_alone.is_some_and(|why| why.contains("0.55 mm over what a press has lifted")));
+    assert_eq!(refused(upright(0.7, 1.0), |p| p.z *= 0.09), None);
 }
