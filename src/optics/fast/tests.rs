@@ -320,12 +320,11 @@ fn what_it_cannot_render_it_refuses_and_names_the_reference() {
 
 /// The benchmark scene with an upright step up at x = 0.5 mm, under its first light alone, with another shape.
 fn step_under(shape: LightShape) -> Trial {
-    let mut trial = Trial::new(bench_scene::Variant::Ac, Press::Cliff, [96, 72], [401, 301]).unwrap();
-    trial = trial.changed(|scene| {
+    let trial = Trial::new(bench_scene::Variant::Ac, Press::Cliff, [96, 72], [401, 301]).unwrap();
+    trial.changed(|scene| {
         scene.lights.truncate(1);
         scene.lights[0].shape = shape.clone();
-    });
-    trial
+    })
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use super::cases::{case, changed};
 use super::{Case, Due};
+use crate::optics::Scene;
 use glam::Vec3;
 
 pub(super) fn cases(cases: &mut Vec<Case>) {
@@ -12,7 +13,7 @@ pub(super) fn cases(cases: &mut Vec<Case>) {
         ("looks askew onto pad and walls", Vec3::new(-6.0, 0.0, 12.0), Vec3::X + down, Vec3::X + up),
         ("is turned by 30 degrees", Vec3::Z * 19.0, down, Vec3::new(0.5, 0.866, 0.0)),
     ] {
-        let turn = move |scene: &mut crate::optics::Scene| {
+        let turn = move |scene: &mut Scene| {
             let camera = &mut scene.camera;
             (camera.origin, camera.forward, camera.up) = (origin, forward.normalize(), above.normalize());
             camera.right = camera.forward.cross(camera.up).normalize();
