@@ -261,7 +261,9 @@ impl Approach {
     fn advice(self) -> &'static str {
         match self {
             Approach::StraightDown => "; deeper captures of this press are tried nevertheless",
-            Approach::AlongWithFriction => "",
+            Approach::AlongWithFriction => {
+                "; what ends on a drag goes further with a lower elastomer.friction"
+            }
             Approach::AlongWithoutFriction => {
                 "; where a slide without friction catches on edges, set elastomer.friction above 0"
             }

@@ -1,7 +1,9 @@
 //! Ways as long as those of the slip and the rotation experiment: slides of 5 mm, turns of 45 degrees.
 
 use super::*;
+use crate::elastomer::Surface;
 use crate::indenter::{IndenterSpec, from_spec};
+use std::f64::consts::PI;
 
 /// A shipped body, its edges rounded as in the experiments.
 fn shipped(name: &str) -> Arc<dyn Indenter> {
@@ -91,6 +93,60 @@ fn bodies_of_the_slip_experiment_slide_by_five_millimetres_either_way() {
             }
             let_go(&mut s, pose, name);
         }
+    }
+}
+
+/// Height of the face this far before the middle of a body at `x_mm`, on its way along x; behind it where that is negative.
+fn height_mm(face: &Surface, x_mm: f64, before_mm: f64) -> f64 {
+    let row = &face.positions[face.ny / 2 * face.nx..][..face.nx];
+    let at = (x_mm + before_mm) as f32;
+    let next = row.partition_point(|p| p.x < at);
+    let (a, b) = (row[next - 1], row[next]);
+    f64::from(a.z + (b.z - a.z) * (at - a.x) / (b.x - a.x))
+}
+
+/// What friction does to a face along which a body is dragged (the paper's section on slips: shallow traces behind, the shape of what
+/// is pressed kept): behind it the face is drawn down, before it pushed up, and what touches is as it was pressed.
+#[test]
+fn a_slide_leaves_a_shallow_trace_behind_it_and_keeps_the_shape_of_the_contact() {
+    let (depth_mm, way_mm) = (0.5, 3.0);
+    let mut trace = 0.0;
+    for friction in [0.0, 0.5, 0.8].map(Friction::Coefficient).into_iter().chain([Friction::Infinite]) {
+        let mut s = pressed("sphere", Law::FixedCorotated, friction, 0.05);
+        let mut pose = Pose::new(0.0, 0.0, -depth_mm, 0.0);
+        let pressed = s.capture(201, 201).expect("a lattice");
+        for n in 1..=6 {
+            pose.x_mm = way_mm / 6.0 * f64::from(n);
+            s.advance(&pose).expect("an easy slide");
+        }
+        let slid = s.capture(201, 201).expect("a lattice");
+        // Over the depth, a slide against the press.
+        let moved = |before_mm: f64| {
+            (height_mm(&slid.surface, way_mm, before_mm) - height_mm(&pressed.surface, 0.0, before_mm))
+                / depth_mm
+        };
+        let radius_mm = (pressed.stats.contact_area_mm2 / PI).sqrt();
+        for part in [-0.7, -0.35, 0.0, 0.35, 0.7] {
+            let off = moved(part * radius_mm);
+            assert!(off.abs() < 0.006, "{friction:?}, {part} of the radius: {off}");
+        }
+        let (behind, before) = (-moved(-1.5 * radius_mm), moved(1.5 * radius_mm));
+        println!(
+            "{friction:?}: {:.1} % of the depth lower behind, {:.1} higher before",
+            100.0 * behind,
+            100.0 * before
+        );
+        if friction == Friction::Coefficient(0.0) {
+            assert!(behind.abs() < 0.01 && before.abs() < 0.01, "{friction:?}: {behind}, {before}");
+            continue;
+        }
+        // Shallow, and deeper the harder it drags; what sticks has torn loose by now and slides with 0.8.
+        assert!(
+            (0.02..0.08).contains(&behind) && (0.01..0.04).contains(&before),
+            "{friction:?}: {behind}, {before}"
+        );
+        assert!(behind > 0.9 * trace, "{friction:?}: {behind}, less friction {trace}");
+        trace = behind;
     }
 }
 

@@ -53,7 +53,10 @@ impl Walk<'_> {
         // What drags the face along lifts it in front and lets it sink behind, whatever the depth.
         let dragged = if self.frictionless() { 0.0 } else { DRAG_MOVES * self.dragged_mm };
         self.checks.hold("below the tip, mm", lowest - depth, most + dragged);
-        self.checks.hold("above the pad, mm", highest, depth + most + dragged);
+        // What is displaced rises beside the contact, within the pad's thickness: as high as the body is deep under what is wider.
+        let radius = (stats.contact_area_mm2 / std::f64::consts::PI).sqrt();
+        let rise = depth * (radius / (2.0 * self.case.pad.thickness_mm)).max(1.0);
+        self.checks.hold("above the pad, mm", highest, rise + most + dragged);
         self.checks.hold("folded", folded(now), 5e-3);
     }
 
