@@ -9,7 +9,7 @@
 mod cameras;
 mod cases;
 mod grazing;
-mod lamps;
+pub(crate) mod lamps;
 mod random;
 
 use super::judge::{Judge, Judged};

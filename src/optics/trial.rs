@@ -20,6 +20,8 @@ pub enum Press {
     Sphere,
     /// A flat round punch of radius 2.5 mm, 1.5 mm deep.
     Punch,
+    /// A flat round plug of radius 2.5 mm, 1.2 mm deep, its flanks as upright as the lattice has them.
+    Plug,
     /// A flat square stamp of 6 mm, 1 mm deep, its flanks steep.
     Stamp,
     /// A cone, 1.2 mm deep.
@@ -56,6 +58,7 @@ impl Press {
             Press::Untouched => 0.0,
             Press::Sphere => ball(x - 1.5, y + 1.0),
             Press::Punch => outside((x + 3.0).hypot(y - 2.0) - 2.5, 1.5, 1.6),
+            Press::Plug => 1.2 * f32::from(u8::from((x - 1.5).hypot(y + 1.0) < 2.5)),
             Press::Stamp => outside((x.abs() - 3.0).max(y.abs() - 3.0), 1.0, 6.0),
             Press::Cone => {
                 let r = (x - 0.5).hypot(y - 0.7);
@@ -169,6 +172,7 @@ mod tests {
     fn presses_are_finite_and_as_deep_as_they_say() {
         for (press, depth) in [
             (Press::Punch, 1.5),
+            (Press::Plug, 1.2),
             (Press::Cone, 1.2),
             (Press::Cliff, 1.0),
             (Press::Drag(5.0), 0.8),

@@ -65,6 +65,8 @@ fn cases(size: [usize; 2]) -> Vec<(String, Make)> {
     }
     for (name, variant, press) in [
         ("stamp, 1 mm, steep flanks", Variant::Ac, Press::Stamp),
+        ("round plug, 1.2 mm, upright flanks", Variant::Ac, Press::Plug),
+        ("round plug with dots", Variant::At, Press::Plug),
         ("cone, 1.2 mm", Variant::Ac, Press::Cone),
         ("pyramid, 1 mm", Variant::Ac, Press::Pyramid),
         ("ridge, 0.8 mm", Variant::Ac, Press::Ridge),

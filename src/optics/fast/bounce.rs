@@ -89,6 +89,8 @@ pub struct Cells<'a> {
     pub cells: &'a [Cell],
     /// Which of them stand for an upright flank.
     pub flanks: &'a [bool],
+    /// What of their light leaves them, as a part of what would if they were even; empty where all of it does.
+    pub kept: &'a [Vec3],
     /// How their light changes with height.
     pub tilts: &'a Tilts,
     /// Sums of the irradiance over the area of the surface, by picture.
@@ -148,6 +150,8 @@ const MARGIN: usize = 108;
 pub struct Unseen {
     /// Which cell that is, counted from the picture's first.
     pub at: [isize; 2],
+    /// Where its middle would be seen, in cells.
+    pub place: Vec2,
     pub position: Vec3,
     /// Of length 1.
     pub normal: Vec3,

@@ -10,10 +10,10 @@
 
 use super::exchange::{Exchange, Sparse};
 use super::grid::{Grid, Layout, Places};
+use super::grouping::{self, Grouping};
 use super::lanes::{WIDTH, Work, with_widest};
 use super::pad_image::PadImage;
 use super::probes::{self, NUMBERS, TERMS};
-use super::radiosity;
 use super::source::Lamp;
 use super::view::View;
 use super::wall_shadow::Low;
@@ -21,7 +21,6 @@ use super::world::World;
 use crate::optics::sampler::{Sampler, hash};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
-use std::collections::HashMap;
 use std::f32::consts::{PI, TAU};
 
 /// Directions around in which cells send.
@@ -33,8 +32,6 @@ pub const SLOPES: [f32; RISES] = [0.0, 0.25, 0.7, 1.6];
 pub const DIRECTIONS: usize = AROUND * RISES;
 /// Rays of a direction.
 const RAYS: usize = 4;
-/// Rays of a patch, by which it is known what else it lights.
-const PATCH_RAYS: u32 = 64;
 /// Edge of a group of patches: at least this, and at least this part of the world.
 const GROUP_MM: f32 = 1.25;
 const GROUP_PART: f32 = 0.05;
@@ -120,49 +117,20 @@ impl Echo {
             })
             .collect();
 
-        // Groups of the patches that matter: those met, by place, side and reflectance.
-        let edge = GROUP_MM.max(GROUP_PART * world.extent());
-        let mut group_of: HashMap<u32, u16> = HashMap::new();
-        let mut known: HashMap<([i32; 3], u32, [u32; 3]), u16> = HashMap::new();
-        let mut members: Vec<Vec<u32>> = Vec::new();
-        let key_of = |element: u32| {
-            let (point, normal) = world.point(element as usize, [0.3, 0.3]);
-            let size = normal.abs();
-            let axis = if size.z >= size.max_element() { 2 } else { u32::from(size.y > size.x) };
-            let side = 2 * axis + u32::from(normal[axis as usize] < 0.0);
-            let albedo = world.element(element as usize).0.to_array().map(f32::to_bits);
-            ((point / edge).floor().as_ivec3().to_array(), side, albedo)
-        };
-        for &element in met.iter().chain(seen.iter().flatten()).filter(|&&e| e != u32::MAX) {
-            if group_of.contains_key(&element) {
-                continue;
-            }
-            let group = *known.entry(key_of(element)).or_insert_with(|| {
-                members.push(Vec::new());
-                (members.len() - 1) as u16
-            });
-            group_of.insert(element, group);
-            members[usize::from(group)].push(element);
-        }
-        // Small patches of a group that no ray happened to meet are of its area, too.
-        for element in 0..2 * world.patches as u32 {
-            if let (false, Some(&group)) = (group_of.contains_key(&element), known.get(&key_of(element))) {
-                group_of.insert(element, group);
-                members[usize::from(group)].push(element);
-            }
-        }
-        let groups = members.len();
+        // What they meet in turn, taken together.
+        let matter = met.iter().chain(seen.iter().flatten()).copied();
+        let grouping = Grouping::new(world, matter, GROUP_MM.max(GROUP_PART * world.extent()), &buried);
+        let groups = grouping.members.len();
         if groups == 0 || groups >= usize::from(NOWHERE) {
             return None;
         }
-        let mut low: Vec<(u32, u16)> = group_of.iter().map(|(element, group)| (*element, *group)).collect();
-        low.sort_unstable();
-        let low = low.into_par_iter().filter_map(|(element, group)| {
+        let low = grouping.patches().into_par_iter().filter_map(|(element, group)| {
             let (point, _) = world.point(element as usize, [0.3, 0.3]);
-            Low::of(world, lamps, element as usize, group, rest(point.truncate()))
+            let low = Low::of(world, lamps, element as usize, group, rest(point.truncate()))?;
+            Some(low.uncovered(grouping.open_part(element)))
         });
         let low = low.collect();
-        let group = |element: &u32| group_of.get(element).copied().unwrap_or(NOWHERE);
+        let group = |element: &u32| grouping.of(*element).unwrap_or(NOWHERE);
 
         // How groups pass light on, and what places see of them. Of so many groups a place sees few, and each sends to few.
         let present = |row: &[f32]| -> Sparse {
@@ -174,15 +142,16 @@ impl Echo {
             }
             found
         };
-        let passed: Vec<(Sparse, f32)> = members
+        let passed: Vec<(Sparse, f32)> = grouping
+            .members
             .par_iter()
             .map(|members| {
                 let (mut parts, mut area) = (vec![0.0f32; groups], 0.0);
                 for &element in members {
-                    let met = radiosity::met_by(world, element as usize, PATCH_RAYS, &buried);
-                    let of_ray = world.area(element as usize) / PATCH_RAYS as f32;
+                    let met = grouping.met_by(element);
+                    let of_ray = world.area(element as usize) / grouping::RAYS as f32;
                     area += of_ray * met.len() as f32;
-                    for to in met.iter().map(|(element, _)| group(element)) {
+                    for to in met.iter().map(group) {
                         if to != NOWHERE {
                             parts[usize::from(to)] += of_ray;
                         }
@@ -193,7 +162,7 @@ impl Echo {
             })
             .collect();
         let (onward, areas) = passed.into_iter().unzip();
-        let albedos = members.iter().map(|m| world.element(m[0] as usize).0).collect();
+        let albedos = grouping.members.iter().map(|m| world.element(m[0] as usize).0).collect();
         let rows: Vec<Sparse> = seen
             .par_iter()
             .flat_map_iter(|seen| {

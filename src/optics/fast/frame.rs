@@ -72,6 +72,8 @@ pub struct Pictures {
     pub means: Vec<Vec3>,
     /// Sum over pixels and channels of the squares of what the bounce changed; this and what follows as in [`traces`](super::traces).
     pub bounced: Vec<f64>,
+    /// How much of the light of upright flanks falls on themselves, as a part of what the picture shows.
+    pub notched: f64,
     /// Mean square of what walls gave back of the press, as a part of the mean light.
     pub echoed: Vec<f64>,
     /// Sum over pixels and channels of the squares of what the press changed in the light on fixed parts.
@@ -121,7 +123,7 @@ impl<const N: usize> Frame<'_, N> {
         let still = is_traced.then(|| films[0].clone());
         let border = shaded.border(self.once.pixel_mm);
         let border_mm = border.uneven_mm(self.heights, |p| self.once.total.lift(p));
-        let Rebound { bounced, echoed, glows } = match self.effort.bounce {
+        let Rebound { bounced, echoed, glows, notched } = match self.effort.bounce {
             true => self.rebound(&shaded, border_mm, &mut films),
             false => Rebound::nothing(films.len()),
         };
@@ -131,6 +133,7 @@ impl<const N: usize> Frame<'_, N> {
             films,
             still,
             bounced,
+            notched,
             echoed,
             steepness: shaded.steepness(|p| self.once.total.rest_normal(p)),
             border_mm,

@@ -11,7 +11,7 @@ use crate::optics::{Albedo, Material, Mesh, Role, Scene};
 use glam::{Vec2, Vec3};
 
 /// Changes whenever tables of the same scene would be worked out differently, or are written differently.
-const FORMAT: u32 = 29;
+const FORMAT: u32 = 30;
 
 /// The hash of everything that the tables follow from.
 pub fn key(scene: &Scene) -> [u8; 32] {

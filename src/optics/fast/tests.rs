@@ -365,3 +365,23 @@ fn a_press_that_comes_near_a_light_is_left_to_the_reference() {
     assert!(end_alone.is_some_and(|why| why.contains("0.55 mm over what a press has lifted")));
     assert_eq!(refused(upright(0.7, 1.0), |p| p.z *= 0.09), None);
 }
+
+/// Flanks that run askew over the lattice have notches, look away from the camera, and stand in their own shadow.
+#[test]
+fn at_the_foot_of_a_round_plug_it_is_as_bright_as_in_the_reference() {
+    for variant in [bench_scene::Variant::Ac, bench_scene::Variant::At] {
+        let Trial { scene, untouched } = Trial::new(variant, Press::Plug, [96, 72], [401, 301]).unwrap();
+        let once = Precomputed::new(&untouched).unwrap();
+        let film = Renderer::new(&once, &scene, 0.005).unwrap().render();
+        let settings = reference::Settings { samples: 48, seed: 1 };
+        let truth = reference::Renderer::new(&scene).unwrap().render(&settings);
+        let [foot, truth] = [film, truth].map(|film| {
+            let at = |k: usize| {
+                (Vec2::new((k % 96) as f32 - 47.5, 35.5 - (k / 96) as f32) * 0.1875) - Vec2::new(1.5, -1.0)
+            };
+            let around = (0..96 * 72).filter(|k| (2.8..3.5).contains(&at(*k).length()));
+            around.map(|k| film.pixels[k].element_sum()).sum::<f32>()
+        });
+        assert!((foot / truth - 1.0).abs() < 0.01, "{variant:?}: {}", foot / truth);
+    }
+}

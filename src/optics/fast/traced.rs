@@ -178,7 +178,7 @@ mod tests {
         let (film, stated) = renderer.render_with_error();
         let (after, means) = against_reference(&RIDGES, &film);
         // (Of ridges this steep and coarse the straight light is 2 % off.)
-        assert!(before > 0.031 && after < 0.027 && after < stated, "{before} {after} {stated}");
+        assert!(before > after + 0.002 && after < 0.0245 && after < stated, "{before} {after} {stated}");
         assert!((means - Vec3::ONE).abs().max_element() < 0.018, "{means}");
         let most = film.mean() * 8.0;
         assert!(
@@ -194,10 +194,10 @@ mod tests {
         pad.positions.iter_mut().for_each(|p| p.z = 0.0);
         let once = Precomputed::new(&flat).unwrap();
         let renderer = Renderer::new(&once, &scene, 0.005).unwrap();
-        let (before, _) = against_reference(&scene, &renderer.pictures(1).films[0]);
         let (film, stated) = renderer.render_with_error();
-        let (after, _) = against_reference(&scene, &film);
-        assert!(after < before && after < stated, "{before} {after} {stated}");
+        let (error, _) = against_reference(&scene, &film);
+        // (Straight light is 2 % off, as above; unevenly printed flanks throw what is not the same all along a rim.)
+        assert!(error < 0.035 && error < stated, "{error} {stated}");
     }
 
     #[test]

@@ -137,7 +137,8 @@ impl<const N: usize> Frame<'_, N> {
                 let turned = normal - from.normal.normalize_or(Vec3::Z);
                 let other = higher.abs() > OTHER_MM || turned.length_squared() > OTHER_TURN * OTHER_TURN;
                 let (area_mm2, level_mm2) = (cell.area, cell.level);
-                other.then_some(Unseen { at, position, normal, is_flank, area_mm2, level_mm2 })
+                let place = self.once.view.project(position).truncate() / border.cell_px as f32;
+                other.then_some(Unseen { at, place, position, normal, is_flank, area_mm2, level_mm2 })
             }));
         }
         let mut lights = vec![vec![Vec3::ZERO; cells.len()]; self.slots.films];
@@ -194,9 +195,12 @@ impl<const N: usize> Frame<'_, N> {
                 let parts = (2.0 * (high - low).max_element()).ceil().clamp(1.0, 64.0) as usize;
                 let weight = 1.0 / (parts * parts) as f32;
                 let is_flank = area.z < LEVEL * area.length();
+                // What rises to a rim is found there by who stands before it: what looks away goes with its highest place.
+                let top = [(p, a), (q, b), (r, c), (s, d)].into_iter().max_by(|a, b| a.0.z.total_cmp(&b.0.z));
+                let rim = top.filter(|_| is_away && is_flank).map(|(_, place)| place);
                 for (v, u) in (0..parts).flat_map(|v| (0..parts).map(move |u| (v, u))) {
                     let [u, v] = [u, v].map(|k| (k as f32 + 0.5) / parts as f32);
-                    let index = frames.index(a.lerp(b, u).lerp(c.lerp(d, u), v));
+                    let index = frames.index(rim.unwrap_or_else(|| a.lerp(b, u).lerp(c.lerp(d, u), v)));
                     let Some((k, _)) = index.filter(|(_, inside)| is_away || !inside) else { continue };
                     let position = p.lerp(q, u).lerp(r.lerp(s, u), v) * weight;
                     let (normal, area) = (area * weight, area.length() * weight);

@@ -40,6 +40,12 @@ impl Low {
         let power: Vec<f32> = lamps.iter().enumerate().map(power).collect();
         power.iter().any(|p| *p > 0.0).then_some(Self { group, point, power })
     }
+
+    /// With this part of it open.
+    pub fn uncovered(mut self, part: f32) -> Self {
+        self.power.iter_mut().for_each(|power| *power *= part);
+        self
+    }
 }
 
 /// Near the middle of an element, triangle or block.

@@ -44,6 +44,7 @@ pub(super) fn cases() -> Vec<Case> {
         Press::Drag(5.0),
         Press::Fold,
         Press::Punch,
+        Press::Plug,
         Press::Stamp,
     ] {
         cases.push(case(format!("press {press:?}"), Due::Picture, pressed(press)));
@@ -62,7 +63,9 @@ pub(super) fn cases() -> Vec<Case> {
             Ok(Trial::new(Variant::Ac, Press::Punch, s.size, LATTICE)?.changed(keep))
         }));
     }
-    for (name, press) in [("cone", Press::Cone), ("ring", Press::Ring), ("drag", Press::Drag(3.0))] {
+    for (name, press) in
+        [("cone", Press::Cone), ("ring", Press::Ring), ("drag", Press::Drag(3.0)), ("plug", Press::Plug)]
+    {
         cases.push(case(format!("textured {name}"), Due::Picture, move |s| {
             Trial::new(Variant::At, press, s.size, LATTICE)
         }));

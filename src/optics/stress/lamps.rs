@@ -8,6 +8,21 @@ use crate::optics::{Error, Light, LightShape, Role, Scene};
 use glam::Vec3;
 use std::sync::Arc;
 
+/// Walls 2 to 2.5 mm further out, and lamps before them 0.85 mm above the face.
+pub fn further_out(scene: &mut Scene) {
+    let out = |p: Vec3| Vec3::new(p.x * 1.2, p.y * 4.0 / 3.0, p.z);
+    for surface in scene.surfaces.iter_mut().filter(|s| s.role == Role::Housing) {
+        Arc::make_mut(&mut surface.mesh).positions.iter_mut().for_each(|p| *p = out(*p));
+    }
+    for light in &mut scene.lights {
+        at_height(light, 0.85);
+        if let LightShape::Rectangle { center, half_u, half_v } = &mut light.shape {
+            let normal = half_u.cross(*half_v).normalize();
+            *center = out(*center + normal * -0.001) + normal * 0.001;
+        }
+    }
+}
+
 /// Lights in places where they should not be.
 pub(super) fn misplaced(cases: &mut Vec<Case>) {
     for z in [0.6, 1.05, 3.0, 15.0] {
@@ -17,6 +32,11 @@ pub(super) fn misplaced(cases: &mut Vec<Case>) {
             changed(lower)(s)
         }));
     }
+    // Strips that hide patches of the walls but for a few micrometres.
+    cases.push(
+        case("lamps low over the pad by walls further out", Due::Picture, changed(further_out))
+            .judged_closely(),
+    );
     cases.push(case("the pad rises over lamps", Due::Reference, |s| {
         let lower = |scene: &mut Scene| {
             // The lamp at the raised end alone.

@@ -131,11 +131,6 @@ fn a_slide_leaves_a_shallow_trace_behind_it_and_keeps_the_shape_of_the_contact()
             assert!(off.abs() < 0.006, "{friction:?}, {part} of the radius: {off}");
         }
         let (behind, before) = (-moved(-1.5 * radius_mm), moved(1.5 * radius_mm));
-        println!(
-            "{friction:?}: {:.1} % of the depth lower behind, {:.1} higher before",
-            100.0 * behind,
-            100.0 * before
-        );
         if friction == Friction::Coefficient(0.0) {
             assert!(behind.abs() < 0.01 && before.abs() < 0.01, "{friction:?}: {behind}, {before}");
             continue;

@@ -2,10 +2,19 @@
 
 use super::{Cells, MARGIN, Unseen, Untouched, beside};
 use crate::optics::fast::lanes::{Eight, Vectors, WIDTH, lanes};
-use glam::Vec3;
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 /// Up a flank the light changes by at most this part of it per mm.
 const STEEPEST: f32 = 1.0;
+
+/// Where an upright flank looks at what is at its foot: to these sides, and as far away over its height: a sixth each of what it gets of an
+/// even face comes from between them.
+const LOOKS: [f32; 4] = [-0.75, -0.25, 0.25, 0.75];
+/// See [`LOOKS`].
+const AWAY: [f32; 6] = [0.68, 1.22, 1.84, 2.83, 4.96, 15.2];
+/// Part of its light that is left it at least.
+const LEAST: f32 = 0.1;
 
 /// Means over cells, by row with room on both sides so that eight neighbours can be looked at from any column, and with the
 /// pad's border beside the picture.
@@ -119,17 +128,23 @@ impl Cells<'_> {
             (x[at], y[at], z[at]) = normal.into();
         }
         means.lights.clone_from(&means.own);
+        for k in (0..self.kept.len()).filter(|k| self.flanks[*k] && self.cells[*k].count > 0.0) {
+            let at = means.at(k % nx, k / nx);
+            for light in &mut means.lights {
+                light.iter_mut().zip(self.kept[k].to_array()).for_each(|(light, kept)| light[at] *= kept);
+            }
+        }
         means.tilts.clone_from(&means.own_tilts);
         if !self.unseen.is_empty() {
             means.shown_normals.clone_from(&means.normals);
         }
-        for (k, cell) in self.unseen_in_picture() {
+        for (_, cell) in self.unseen_in_picture() {
             let (at, part) = (means.at(cell.at[0] as usize, cell.at[1] as usize), self.unseen_part(cell));
             for (own, of_cell) in means.shown_normals.iter_mut().zip(cell.normal.to_array()) {
                 own[at] += (of_cell - own[at]) * part;
             }
-            self.show(&mut means, k);
         }
+        self.show(&mut means, |_| true);
         self.put_beside(&mut means, ground);
         self.continue_beside(&mut means);
         means
@@ -143,7 +158,7 @@ impl Cells<'_> {
             let (i, j) = (k % nx, k / nx);
             let at = means.at(i, j);
             for (film, (own, seen)) in means.own.iter().zip(&mut means.lights).enumerate() {
-                let gain = gains[(j * numbers + film) * nx + i];
+                let gain = gains[(j * numbers + film) * nx + i] * self.kept(k, self.flanks[k]);
                 for (c, (own, seen)) in own.iter().zip(seen).enumerate() {
                     seen[at] = own[at] * gain[c];
                 }
@@ -160,11 +175,7 @@ impl Cells<'_> {
                 }
             }
         }
-        for (k, cell) in self.unseen_in_picture() {
-            if of(cell.at[1] as usize * nx + cell.at[0] as usize) {
-                self.show(means, k);
-            }
-        }
+        self.show(means, of);
         self.continue_beside(means);
     }
 
@@ -173,22 +184,71 @@ impl Cells<'_> {
         self.unseen.iter().enumerate().filter(|(_, unseen)| self.in_picture(unseen))
     }
 
-    /// Part that something unseen has in the surface of its cell.
+    /// Part that something unseen has in the surface of its cell: all where it is a flank larger than what is seen there, which then stands
+    /// for both ([`super::Cell::of`]). Who stands at its foot sees the flank alone.
     fn unseen_part(&self, unseen: &Unseen) -> f32 {
         let cell = &self.cells[unseen.at[1] as usize * self.size[0] + unseen.at[0] as usize];
         let scale = self.edge_mm * (self.eye.z - unseen.position.z) / self.eye.z;
         let seen_mm2 = cell.area / cell.count.max(1e-6) * scale * scale;
-        unseen.area_mm2 / (unseen.area_mm2 + seen_mm2)
+        let part = unseen.area_mm2 / (unseen.area_mm2 + seen_mm2);
+        if unseen.is_flank && part > 0.5 { 1.0 } else { part }
     }
 
-    /// Mixes the light on something unseen into what others see of its cell.
-    fn show(&self, means: &mut Means, k: usize) {
-        let cell = &self.unseen[k];
-        let (at, part) = (means.at(cell.at[0] as usize, cell.at[1] as usize), self.unseen_part(cell));
-        for (shown, light) in means.lights.iter_mut().zip(self.unseen_lights) {
-            for (c, shown) in shown.iter_mut().enumerate() {
-                shown[at] += (light[k][c] - shown[at]) * part;
+    /// Mixes the light on what is unseen into what others see of its cells.
+    fn show(&self, means: &mut Means, of: impl Fn(usize) -> bool) {
+        let index = |cell: &Unseen| cell.at[1] as usize * self.size[0] + cell.at[0] as usize;
+        let shown: Vec<(usize, &Unseen)> =
+            self.unseen_in_picture().filter(|(_, cell)| of(index(cell))).collect();
+        let changes: Vec<Vec<Vec3>> = shown.par_iter().map(|(_, cell)| self.of_foot(means, cell)).collect();
+        for ((k, cell), changes) in shown.into_iter().zip(changes) {
+            let (at, part) = (means.at(cell.at[0] as usize, cell.at[1] as usize), self.unseen_part(cell));
+            let kept = self.kept(index(cell), cell.is_flank);
+            for ((shown, light), change) in means.lights.iter_mut().zip(self.unseen_lights).zip(changes) {
+                let light = (light[k] + change).max(light[k] * LEAST) * kept;
+                for (c, shown) in shown.iter_mut().enumerate() {
+                    shown[at] += (light[c] - shown[at]) * part;
+                }
             }
         }
+    }
+
+    /// By picture: what an unseen flank gets more or less than it would of an untouched face at its foot, which half of what it sees is.
+    fn of_foot(&self, means: &Means, cell: &Unseen) -> Vec<Vec3> {
+        let mut sums = vec![Vec3::ZERO; self.lights.len()];
+        let (from, ahead) = (cell.position, cell.normal.truncate().normalize_or_zero());
+        let height_mm = from.z - self.heights.at(from.truncate() + ahead * self.edge_mm);
+        if !cell.is_flank || ahead == Vec2::ZERO || height_mm <= 0.0 || height_mm.is_nan() {
+            return sums;
+        }
+        let eye = self.eye;
+        let seen =
+            |p: Vec3| (p - eye).truncate() * Vec2::new(1.0, -1.0) * (eye.z / ((eye.z - p.z) * self.edge_mm));
+        for (turn, away) in LOOKS.into_iter().flat_map(|turn| AWAY.map(|away| (turn, away))) {
+            let way = ahead.rotate(Vec2::new((1.0 - turn * turn).sqrt(), turn));
+            let place = from.truncate() + way * (away * height_mm);
+            let there = place.extend(self.heights.at(place));
+            if there.z >= from.z || !there.is_finite() {
+                continue;
+            }
+            let cell = (cell.place + seen(there) - seen(from)).floor().as_ivec2();
+            let [nx, ny] = [self.size[0], self.rows].map(|n| n as i32);
+            if !((0..nx).contains(&cell.x) && (0..ny).contains(&cell.y)) {
+                continue;
+            }
+            let at = means.at(cell.x as usize, cell.y as usize);
+            for (film, sum) in sums.iter_mut().enumerate() {
+                let [now, before] = [&means.lights[film], &means.grounds[film]]
+                    .map(|[x, y, z]| Vec3::new(x[at], y[at], z[at]));
+                *sum += now - before;
+            }
+        }
+        let part = 0.5 * self.albedo / (LOOKS.len() * AWAY.len()) as f32;
+        sums.iter_mut().for_each(|sum| *sum *= part);
+        sums
+    }
+
+    /// What of the light of a cell leaves it, where it stands for a flank.
+    fn kept(&self, k: usize, is_flank: bool) -> Vec3 {
+        self.kept.get(k).copied().filter(|_| is_flank).unwrap_or(Vec3::ONE)
     }
 }

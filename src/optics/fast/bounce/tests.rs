@@ -25,6 +25,7 @@ pub(super) fn white<'a>(
         sending: super::SENDING,
         cells,
         flanks,
+        kept: &[],
         tilts: &NO_TILTS,
         lights,
         most_count: 1.0,

@@ -6,6 +6,7 @@ use crate::optics::fast::bounce::{self, Cells, Untouched};
 use crate::optics::fast::gains::{self, Gains};
 use crate::optics::fast::glow::Pressed;
 use crate::optics::fast::grid::Grid;
+use crate::optics::fast::notches::Notches;
 use crate::optics::fast::packed::{CHANNELS, Packing};
 use crate::optics::fast::skyline;
 use crate::optics::fast::tilt::Tilts;
@@ -22,13 +23,15 @@ pub(super) struct Rebound {
     pub echoed: Vec<f64>,
     /// What the press changes in the light on what is fixed, by picture and spot.
     pub glows: Vec<Vec<Vec3>>,
+    /// How much of the light of upright flanks falls on themselves: [`Notches::part`].
+    pub notched: f64,
 }
 
 impl Rebound {
     /// Nothing bounces in so many pictures.
     pub fn nothing(films: usize) -> Self {
         let zeros = vec![0.0; traces::count(films)];
-        Self { bounced: zeros.clone(), echoed: zeros, glows: Vec::new() }
+        Self { bounced: zeros.clone(), echoed: zeros, glows: Vec::new(), notched: 0.0 }
     }
 }
 
@@ -50,6 +53,7 @@ impl<const N: usize> Frame<'_, N> {
         let packed_lights = packing.pack(lights);
         let AllUnseen { cells: unseen, lights: unseen_lights } = self.unseen(&border, border_mm);
         let unseen_lights = packing.pack(&unseen_lights);
+        let Notches { kept, part: notched } = self.notched(&border, albedo);
         let cells = Cells {
             size,
             rows: border.size[1],
@@ -57,6 +61,7 @@ impl<const N: usize> Frame<'_, N> {
             sending: finer * bounce::SENDING,
             cells,
             flanks: is_flank,
+            kept: &kept,
             tilts: &tilts,
             lights: &packed_lights,
             unseen: &unseen,
@@ -109,7 +114,7 @@ impl<const N: usize> Frame<'_, N> {
         let veil = |k: usize, x: usize, y: usize| self.once.veil(k, lights.len(), x, y);
         let height_mm = |x: usize, y: usize| self.height_mm(x, y);
         let bounced = gains::apply(&all_gains, films, &self.once.radiances, height_mm, veil);
-        Rebound { bounced, echoed: changes.echoed, glows }
+        Rebound { bounced, echoed: changes.echoed, glows, notched }
     }
 
     /// By picture: what groups of walls lose of the lights to the pad.
