@@ -175,12 +175,12 @@ impl Scene {
         Ok(())
     }
 
-    /// A camera that cannot see the pad's face for certain gives a black picture: under the pad, or over a ceiling.
+    /// A camera that cannot see the pad's face for certain gives a black picture: under the pad, in it, or over a ceiling.
     fn check_place(&self) -> Result<(), Error> {
         let at = self.camera.origin;
-        let low = self.surface(Role::Pad).map_or(f32::NEG_INFINITY, |pad| {
-            pad.mesh.positions.iter().fold(f32::INFINITY, |low, p| low.min(p.z))
-        });
+        let pad = self.surface(Role::Pad).map(|pad| &pad.mesh);
+        let heights = || pad.into_iter().flat_map(|mesh| &mesh.positions).map(|p| p.z);
+        let low = heights().reduce(f32::min).unwrap_or(f32::NEG_INFINITY);
         if low.is_finite() && at.z <= low {
             return fault(
                 "the camera",
@@ -188,14 +188,29 @@ impl Scene {
                 "put it above the pad: z points from the pad towards the camera",
             );
         }
+        let around = |corners: [Vec3; 3]| {
+            let [a, b, c] = corners.map(|p| (p - at).truncate());
+            [a.perp_dot(b), b.perp_dot(c), c.perp_dot(a)]
+        };
+        let is_within = |turns: [f32; 3]| turns.iter().all(|t| *t >= 0.0) || turns.iter().all(|t| *t <= 0.0);
+        // (Only what is lower than some of the pad can be in it.)
+        let pad = pad.filter(|_| heights().any(|z| z >= at.z));
+        let faces = pad.into_iter().flat_map(|mesh| (0..mesh.triangles.len()).map(|k| mesh.corners(k)));
+        let face = faces.filter(|corners| is_within(around(*corners))).map(|[a, b, c]| {
+            let [of_c, of_a, of_b] = around([a, b, c]);
+            (a.z * of_a + b.z * of_b + c.z * of_c) / (of_a + of_b + of_c)
+        });
+        if let Some(face) = face.filter(|z| *z >= at.z).reduce(f32::max) {
+            return fault(
+                "the camera",
+                format!("it is at z = {} mm, in the pad, whose face is at {face} mm there", at.z),
+                "put it above the pad, or press less deep",
+            );
+        }
         let housing = || self.surfaces.iter().filter(|s| s.role == Role::Housing);
         let top = housing().flat_map(|s| &s.mesh.positions).fold(f32::NEG_INFINITY, |top, p| top.max(p.z));
-        let covers = |corners: [Vec3; 3]| {
-            let [a, b, c] = corners.map(|p| (p - at).truncate());
-            let turns = [a.perp_dot(b), b.perp_dot(c), c.perp_dot(a)];
-            corners.iter().all(|p| top - p.z < CEILING_MM)
-                && (turns.iter().all(|t| *t >= 0.0) || turns.iter().all(|t| *t <= 0.0))
-        };
+        let covers =
+            |corners: [Vec3; 3]| corners.iter().all(|p| top - p.z < CEILING_MM) && is_within(around(corners));
         let below = |mesh: &Mesh| (0..mesh.triangles.len()).any(|k| covers(mesh.corners(k)));
         if at.z >= top && housing().any(|s| below(&s.mesh)) {
             return fault(

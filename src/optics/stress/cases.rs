@@ -202,6 +202,10 @@ fn extremes(cases: &mut Vec<Case>) {
     cases.push(case("the camera is inside the plate", Due::Refusal, |s| {
         Ok(Trial::new(Variant::B, Press::Sphere, s.size, LATTICE)?.changed(|s| s.camera.origin.z = 2.5))
     }));
+    cases.push(case("the camera is inside the pad", Due::Refusal, |s| {
+        let into_ball = |scene: &mut Scene| scene.camera.origin = Vec3::new(1.5, -1.0, 0.5);
+        Ok(Trial::new(Variant::Ac, Press::Sphere, s.size, LATTICE)?.changed(into_ball))
+    }));
     cases.push(case("a vertex is not a number", Due::Refusal, |s| {
         let mut trial = Trial::new(Variant::Ac, Press::Sphere, s.size, LATTICE)?;
         Arc::make_mut(&mut trial.scene.surfaces[0].mesh).positions[777].z = f32::NAN;
