@@ -42,7 +42,7 @@ pub(super) fn plan(effort: Effort, stages: &mut Vec<Stage>) {
     let (tolerances, repeats): (&[f64], usize) = match effort {
         Effort::Smoke => (&[0.05], 1),
         Effort::Quick => (&[0.05, 0.02], 2),
-        Effort::Full => (&[0.05, 0.02, 0.01, 0.005], 3),
+        Effort::Full => (&[0.05, 0.02, 0.01, 0.005, 0.0035], 3),
     };
     for &tolerance in tolerances {
         let name = format!("time to solution, tolerance {tolerance}");
