@@ -262,7 +262,7 @@ impl Approach {
         match self {
             Approach::StraightDown => "; deeper captures of this press are tried nevertheless",
             Approach::AlongWithFriction => {
-                "; what ends on a drag goes further with a lower elastomer.friction"
+                "; what ends on a drag goes further with a lower elastomer.friction, or over the wider cells of a larger elastomer.tolerance"
             }
             Approach::AlongWithoutFriction => {
                 "; where a slide without friction catches on edges, set elastomer.friction above 0"
