@@ -180,7 +180,7 @@ impl Scene {
         let at = self.camera.origin;
         let pad = self.surface(Role::Pad).map(|pad| &pad.mesh);
         let heights = || pad.into_iter().flat_map(|mesh| &mesh.positions).map(|p| p.z);
-        let low = heights().reduce(f32::min).unwrap_or(f32::NEG_INFINITY);
+        let [low, high] = [f32::min, f32::max].map(|of| heights().reduce(of).unwrap_or(f32::NEG_INFINITY));
         if low.is_finite() && at.z <= low {
             return fault(
                 "the camera",
@@ -194,7 +194,7 @@ impl Scene {
         };
         let is_within = |turns: [f32; 3]| turns.iter().all(|t| *t >= 0.0) || turns.iter().all(|t| *t <= 0.0);
         // (Only what is lower than some of the pad can be in it.)
-        let pad = pad.filter(|_| heights().any(|z| z >= at.z));
+        let pad = pad.filter(|_| high >= at.z);
         let faces = pad.into_iter().flat_map(|mesh| (0..mesh.triangles.len()).map(|k| mesh.corners(k)));
         let face = faces.filter(|corners| is_within(around(*corners))).map(|[a, b, c]| {
             let [of_c, of_a, of_b] = around([a, b, c]);

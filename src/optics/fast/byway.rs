@@ -38,7 +38,7 @@ impl<'a> Byways<'a> {
         let Some(slab) = self.slab.filter(|_| self.world.element(element).0 != Vec3::ZERO) else {
             return found;
         };
-        let (middle, _) = self.world.point(element, [0.3, 0.3]);
+        let (middle, _) = self.world.middle(element);
         let usual = if self.world.is_small(element) { PAIRS / 4 } else { PAIRS };
         let pairs_of = |lamp: &Lamp| usual << nearness(&slab, lamp, middle).log2() as u32;
         let pairs: Vec<u32> = self.lamps.iter().map(pairs_of).collect();

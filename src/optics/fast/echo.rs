@@ -125,7 +125,7 @@ impl Echo {
             return None;
         }
         let low = grouping.patches().into_par_iter().filter_map(|(element, group)| {
-            let (point, _) = world.point(element as usize, [0.3, 0.3]);
+            let (point, _) = world.middle(element as usize);
             let low = Low::of(world, lamps, element as usize, group, rest(point.truncate()))?;
             Some(low.uncovered(grouping.open_part(element)))
         });

@@ -36,7 +36,7 @@ impl Grouping {
         buried: &(impl Fn(glam::Vec3) -> bool + Sync),
     ) -> Self {
         let key_of = |element: u32| -> Key {
-            let (point, normal) = world.point(element as usize, MIDDLE);
+            let (point, normal) = world.middle(element as usize);
             let size = normal.abs();
             let axis = if size.z >= size.max_element() { 2 } else { u32::from(size.y > size.x) };
             let side = 2 * axis + u32::from(normal[axis as usize] < 0.0);
@@ -45,33 +45,38 @@ impl Grouping {
         };
         let mut found = HashSet::new();
         let mut patches: Vec<u32> = matter.filter(|e| *e != u32::MAX && found.insert(*e)).collect();
+        let mut keys: Vec<Key> = patches.iter().map(|e| key_of(*e)).collect();
         // Small patches of a group that no ray happened to meet are of its area, too.
-        let keys: HashSet<Key> = patches.iter().map(|e| key_of(*e)).collect();
-        patches.extend(
-            (0..2 * world.patches as u32).filter(|e| !found.contains(e) && keys.contains(&key_of(*e))),
-        );
+        let groups_met: HashSet<Key> = keys.iter().copied().collect();
+        for element in (0..2 * world.patches as u32).filter(|e| !found.contains(e)) {
+            let key = key_of(element);
+            if groups_met.contains(&key) {
+                patches.push(element);
+                keys.push(key);
+            }
+        }
         let meets = |element: &u32| -> Vec<u32> {
             let met = radiosity::met_by(world, *element as usize, RAYS, buried);
             met.into_iter().map(|(element, _)| element).collect()
         };
         let met: Vec<Vec<u32>> = patches.par_iter().map(meets).collect();
-        let is_open = |met: &[u32]| met.len() as f32 >= LEAST_OPEN * RAYS as f32;
-        let mut open: HashMap<Side, Vec<u32>> = HashMap::new();
-        for (element, _) in patches.iter().zip(&met).filter(|(_, met)| is_open(met)) {
-            open.entry(key_of(*element).1).or_default().push(*element);
+        let is_open = |k: &usize| met[*k].len() as f32 >= LEAST_OPEN * RAYS as f32;
+        let mut open: HashMap<Side, Vec<usize>> = HashMap::new();
+        for k in (0..patches.len()).filter(is_open) {
+            open.entry(keys[k].1).or_default().push(k);
         }
-        let place = |element: u32| world.point(element as usize, MIDDLE).0;
-        let stands_for = |(element, met): (&u32, &Vec<u32>)| {
-            let from = |other: &u32| place(*other).distance_squared(place(*element));
-            let others = open.get(&key_of(*element).1).filter(|_| !is_open(met));
+        let place = |k: usize| world.middle(patches[k] as usize).0;
+        let goes_with = |k: usize| {
+            let from = |other: &usize| place(*other).distance_squared(place(k));
+            let others = open.get(&keys[k].1).filter(|_| !is_open(&k));
             let nearest = others.and_then(|others| others.iter().min_by(|a, b| from(a).total_cmp(&from(b))));
-            *nearest.unwrap_or(element)
+            keys[*nearest.unwrap_or(&k)]
         };
-        let stands_for: Vec<u32> = patches.par_iter().zip(&met).map(stands_for).collect();
+        let key_of_group: Vec<Key> = (0..patches.len()).into_par_iter().map(goes_with).collect();
         let mut groups: HashMap<Key, u16> = HashMap::new();
         let (mut members, mut known) = (Vec::new(), HashMap::new());
-        for ((element, met), stands_for) in patches.into_iter().zip(met).zip(stands_for) {
-            let group = *groups.entry(key_of(stands_for)).or_insert_with(|| {
+        for ((element, met), key) in patches.into_iter().zip(met).zip(key_of_group) {
+            let group = *groups.entry(key).or_insert_with(|| {
                 members.push(Vec::new());
                 (members.len() - 1) as u16
             });
@@ -104,9 +109,6 @@ impl Grouping {
         patches
     }
 }
-
-/// Near the middle of a patch, triangle or block.
-const MIDDLE: [f32; 2] = [0.3, 0.3];
 
 #[cfg(test)]
 mod tests {

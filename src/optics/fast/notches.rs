@@ -116,10 +116,9 @@ impl<const N: usize> Frame<'_, N> {
     fn facets(&self) -> Vec<Vec<Facet>> {
         let (nx, positions) = (self.nx, &self.mesh.positions);
         let rows = positions.len() / nx - 1;
-        let [side, up] = [nx - 1, rows * nx].map(|k| positions[k] - positions[0]);
-        let forth = side.cross(up).z.signum();
-        let eye = self.once.view.camera.origin;
-        let least_mm = STEEP * side.truncate().length() / (nx - 1) as f32;
+        let (forth, eye) = (self.forth(), self.once.view.camera.origin);
+        let side_mm = (positions[nx - 1] - positions[0]).truncate().length();
+        let least_mm = STEEP * side_mm / (nx - 1) as f32;
         let of_row = |j: usize| -> Vec<Facet> {
             let mut facets = Vec::new();
             for i in 0..nx - 1 {

@@ -184,7 +184,7 @@ impl Straight {
         let by_way =
             |k: usize| byways.of_element(k, |point, normal| buried(point) || covered(world, point, normal));
         let faces_to = |k: usize| {
-            let place = world.point(k, [0.3, 0.3]).0;
+            let place = world.middle(k).0;
             lamps
                 .iter()
                 .map(move |lamp| slab.map_or([0; 2], |slab| slab.faces_between(place, lamp.bounds[0])))
@@ -324,7 +324,7 @@ mod tests {
         // The lamp sends pi x area x L; all is absorbed in the end: (1 - 1/2) E = power, and radiance = E / 2 pi.
         let mut sent = 0.0;
         for k in (1..2 * world.patches).step_by(2) {
-            let (point, normal) = world.point(k, [0.3, 0.3]);
+            let (point, normal) = world.middle(k);
             // Equal patches: the mean over the inside of the room.
             if point.abs().max_element() > 4.995 && normal.dot(point) < 0.0 {
                 sent += solved.radiance(k, 0).x;

@@ -155,6 +155,14 @@ impl<const N: usize> Frame<'_, N> {
         AllUnseen { cells, lights }
     }
 
+    /// Which way round the lattice goes, as its sides tell: 1 where areas of its quads look upwards, else -1.
+    pub(super) fn forth(&self) -> f32 {
+        let (nx, positions) = (self.nx, &self.mesh.positions);
+        let last_row = positions.len() - nx;
+        let [side, up] = [nx - 1, last_row].map(|k| positions[k] - positions[0]);
+        side.cross(up).z.signum()
+    }
+
     /// The mesh beside the picture, and in it what looks away from the camera: quad by quad, those larger than half a cell in
     /// parts.
     fn unseen_pieces(&self, border: &Border<'_>, frames: &Frames) -> Vec<Piece> {
@@ -166,9 +174,8 @@ impl<const N: usize> Frame<'_, N> {
         let quad = |i: usize, j: usize| [j * nx + i, j * nx + i + 1, (j + 1) * nx + i, (j + 1) * nx + i + 1];
         let place = |k: usize| self.vertices[k].truncate() * per_px;
         let drawn = |[a, b, c, d]: [Vec2; 4]| (b - c).perp_dot(d - a);
-        // Which way round the lattice goes, its sides tell; and which way round that is in the picture, most of what is there.
-        let [side, up] = [nx - 1, rows * nx].map(|k| positions[k] - positions[0]);
-        let forth = side.cross(up).z.signum();
+        // Which way round that is in the picture, most of what is there tells.
+        let forth = self.forth();
         let shows = |p: Vec2| p.cmpge(Vec2::ZERO).all() && p.cmple(size).all();
         let around: f32 = (0..rows)
             .step_by(EVERY)

@@ -31,7 +31,7 @@ pub struct Low {
 impl Low {
     /// An element of the world, if it is low and a light shines on it.
     pub fn of(world: &World, lamps: &[Lamp], element: usize, group: u16, face_mm: f32) -> Option<Self> {
-        let (point, normal) = world.point(element, MIDDLE);
+        let (point, normal) = world.middle(element);
         if !(face_mm + OVER_MM..face_mm + LOW_MM).contains(&point.z) {
             return None;
         }
@@ -47,9 +47,6 @@ impl Low {
         self
     }
 }
-
-/// Near the middle of an element, triangle or block.
-const MIDDLE: [f32; 2] = [0.3, 0.3];
 
 /// What each group of the echo loses, by light of radiance 1; empty where nothing is hidden.
 pub fn losses(echo: &Echo, sources: &[Source], heights: &Heights) -> Vec<Vec<f32>> {

@@ -264,6 +264,11 @@ impl World {
         (a + (b - a) * s + (c - a) * t, if element.is_multiple_of(2) { normal } else { -normal })
     }
 
+    /// A point near the middle of an element, be it of a triangle or a block of quads, with its normal.
+    pub fn middle(&self, element: usize) -> (Vec3, Vec3) {
+        self.point(element, [0.3, 0.3])
+    }
+
     /// Area of an element, mm^2.
     pub fn area(&self, element: usize) -> f32 {
         let patch = (element / 2) as u32;
