@@ -34,6 +34,7 @@ mod fold;
 pub mod frames;
 pub mod grid;
 mod increments;
+mod judged;
 pub mod lanes;
 pub mod law;
 pub mod layer;

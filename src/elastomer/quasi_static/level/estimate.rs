@@ -1,5 +1,6 @@
 //! What error an equilibrium states, and how much of it its face in relief and its grip are trusted to tell better.
 
+use super::super::judged::judged_mm2;
 use super::super::newton::Outcome;
 use super::super::slip::Account;
 use super::super::{fold, probe, symmetry};
@@ -139,10 +140,21 @@ impl Level {
     }
 
     /// What the stopping leaves, relative to depth.
+    ///
+    /// Sides of a press, and of a slide that nothing rubs, differ where the pad is about to give way, those of what sticks where it tears:
+    /// how far that goes is told by the furthest point. In a drag with friction points slip on one side sooner than on the other, far beyond what that changes of the
+    /// face: there a mean tells, as of all errors. Found by experiment: crescents whose tips go ahead by 2 to 5 mm (friction 0.8, cells of
+    /// 0.63 to 0.31 mm) have points of which one is up to 0.56 mm further along than its image, 0.06 to 0.1 mm as a mean, and over other
+    /// cells faces within 2.7 % of the depth in height, 7 to 18 % as points that move along, and forces within 1 %.
     fn unsettled_error(&self, indenter: &dyn Indenter, depth: f64, outcome: Outcome) -> f64 {
+        let lost = symmetry::lost(self.grid(), &self.at.u, indenter, self.at.mirrors);
+        let contacts = &self.at.contacts;
+        let slips =
+            lost.most_mm > 0.0 && !self.straight_down() && contacts.has_friction() && !contacts.sticks();
+        let askew_mm =
+            if slips { lost.rms_mm(judged_mm2(contacts.patch().area_mm2())) } else { lost.most_mm };
         // Each side is wrong by half of what differs between them.
-        let askew = 0.5 * symmetry::lost_mm(self.grid(), &self.at.u, indenter, self.at.mirrors);
-        askew / depth + outcome.residual + FRICTION_TO_ERROR * self.at.unsettled
+        0.5 * askew_mm / depth + outcome.residual + FRICTION_TO_ERROR * self.at.unsettled
     }
 
     /// How much of its grip what sticks is sure to have kept.

@@ -220,8 +220,8 @@ impl Level {
         if !self.straight_down() || drags(&way_between(&self.at.pose, problem.pose)) {
             return 0.0;
         }
-        let lost_mm = symmetry::lost_mm(self.grid(), &self.at.u, problem.indenter, self.at.mirrors);
-        lost_mm / depth_mm.max(LEAST_DEPTH_MM)
+        let lost = symmetry::lost(self.grid(), &self.at.u, problem.indenter, self.at.mirrors);
+        lost.most_mm / depth_mm.max(LEAST_DEPTH_MM)
     }
 
     /// Whether the base bears what presses on the face.

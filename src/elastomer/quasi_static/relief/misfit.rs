@@ -1,16 +1,14 @@
 //! How far heights in relief may be off.
 
+use super::super::judged::judged_mm2;
 use super::window::Window;
 
 /// Width of the band on either side of the contact's edge that tells how far the splines are off there, mm.
 const BAND_MM: f64 = 0.2;
-/// Error outside of that band per change inside of it, both as root mean squares over four times the contact's area, though
-/// no less than over a circle of 3 mm. Found by experiment, with [`super::super::level::Level::error_in_relief`]'s constant part:
+/// Error outside of that band per change inside of it, both as root mean squares over [`judged_mm2`]. Found by experiment, with [`super::super::level::Level::error_in_relief`]'s constant part:
 /// 21 bodies, sharp ones and edges rounded by 0.3 mm, pressed 0.3 to 0.8 mm over cells of 0.28, 0.42 and 0.63 mm, are off cells
 /// of 0.10 to 0.14 mm by less than is stated, by a quarter of it at the median.
 const TO_ERROR: f64 = 0.3;
-/// See [`TO_ERROR`].
-const LEAST_JUDGED_MM2: f64 = 9.0 * std::f64::consts::PI;
 
 /// What heights may be off, mm, by how much they change at the edge of the contact.
 pub fn misfit_mm(change: &[f32], pressure: &[f32], window: Window) -> f64 {
@@ -18,8 +16,7 @@ pub fn misfit_mm(change: &[f32], pressure: &[f32], window: Window) -> f64 {
     let squares =
         at_edge(pressure, window.size[0], window.spacing).map(|k| f64::from(change[k]).powi(2)).sum::<f64>();
     let pressed_mm2 = pressure.iter().filter(|p| **p > 0.0).count() as f64 * area;
-    let judged_mm2 = (4.0 * pressed_mm2).max(LEAST_JUDGED_MM2);
-    let changed_mm = (squares * area / judged_mm2).sqrt();
+    let changed_mm = (squares * area / judged_mm2(pressed_mm2)).sqrt();
     TO_ERROR * changed_mm
 }
 

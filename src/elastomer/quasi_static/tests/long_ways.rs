@@ -25,6 +25,11 @@ fn pressed(name: &str, law: Law, friction: Friction, tolerance: f64) -> QuasiSta
 
 /// What a waypoint of a long way must be: balanced, whole, no deeper than the tip, no higher than what is pushed along.
 fn sound(s: &mut QuasiStaticSolver, told: &str) -> ContactForces {
+    sound_within(s, 0.15, told)
+}
+
+/// The same of one that may state such an error.
+fn sound_within(s: &mut QuasiStaticSolver, most_stated: f64, told: &str) -> ContactForces {
     let c = s.capture(81, 81).expect("a lattice");
     let n = c.forces.normal_force_n;
     assert!((c.stats.base_reaction_n - n).abs() < 1e-3 * n, "{told}: {n} N, {} N", c.stats.base_reaction_n);
@@ -32,7 +37,7 @@ fn sound(s: &mut QuasiStaticSolver, told: &str) -> ContactForces {
     let (deepest, highest) = (heights.clone().fold(0.0, f32::min), heights.fold(0.0, f32::max));
     assert!(deepest > -0.6 && highest < 0.3, "{told}: {deepest} to {highest} mm");
     let stated = c.stats.estimated_error.expect("a contact");
-    assert!(stated < 0.15, "{told}: {stated} stated");
+    assert!(stated < most_stated, "{told}: {stated} stated");
     c.forces
 }
 
@@ -96,6 +101,67 @@ fn bodies_of_the_slip_experiment_slide_by_five_millimetres_either_way() {
     }
 }
 
+/// A shipped body on cells of one width, whatever it states.
+fn pressed_over(name: &str, cell_mm: f64, friction: f64) -> QuasiStaticSolver {
+    let (body, start) = (shipped(name), Pose::new(0.0, 0.0, 0.2, 0.0));
+    let settings = settings(Friction::Coefficient(friction));
+    let pad = pad(Law::NeoHookean);
+    let size = [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm];
+    let resolution = Resolution::for_tolerance(0.02).for_body(body.as_ref(), size);
+    let resolution = Resolution { cell_mm, ..resolution };
+    let mut s = QuasiStaticSolver::with_resolution(&pad, &settings, resolution, body, &start)
+        .expect("settings are in range");
+    s.advance(&Pose { z_mm: -0.5, ..start }).expect("an easy press");
+    s
+}
+
+/// Sharp tips that friction draws ahead dig into the face, on one side sooner than on the other.
+#[test]
+fn bodies_of_the_slip_experiment_slide_with_high_friction_their_tips_ahead_too() {
+    for (name, way) in [("moon", 1.0), ("pacman", -1.0), ("dot_in", 1.0)] {
+        let mut s = pressed_over(name, 0.625, 0.8);
+        let mut pose = Pose::new(0.0, 0.0, -0.5, 0.0);
+        for n in 1..=5 {
+            pose.x_mm = way * f64::from(n);
+            let told = format!("{name} at {} mm", pose.x_mm);
+            s.advance(&pose).unwrap_or_else(|e| panic!("{told}: {e}"));
+            let f = sound_within(&mut s, 0.2, &told);
+            let dragged = -way * f.shear_force_n[0] / f.normal_force_n;
+            // The hollow square does not slip everywhere yet after 1 mm.
+            let least = if n == 1 { 0.6 } else { 0.8 };
+            assert!((least..1.1).contains(&dragged), "{told}: {dragged}");
+        }
+        let_go(&mut s, pose, name);
+    }
+}
+
+/// Over two kinds of cells the points under a crescent whose tips go ahead are no further apart than both state.
+#[test]
+fn where_tips_dig_in_points_are_no_further_apart_than_is_stated() {
+    let captures = [0.625, 0.417].map(|cell_mm| {
+        let mut s = pressed_over("moon", cell_mm, 0.8);
+        [1.0, 2.0].map(|x_mm| {
+            s.advance(&Pose::new(x_mm, 0.0, -0.5, 0.0)).expect("a slide");
+            s.capture(201, 201).expect("a lattice")
+        })
+    });
+    for (n, x_mm) in [1.0f32, 2.0].into_iter().enumerate() {
+        let [coarse, fine] = [&captures[0][n], &captures[1][n]];
+        let (mut squares, mut count) = (0.0, 0);
+        for (a, b) in coarse.surface.positions.iter().zip(&fine.surface.positions) {
+            // As much of the face as errors are a mean over.
+            if (b.x - x_mm).hypot(b.y) < 5.0 {
+                squares += f64::from((*a - *b).length_squared());
+                count += 1;
+            }
+        }
+        let apart = (squares / f64::from(count)).sqrt() / 0.5;
+        let stated = [coarse, fine].map(|c| c.stats.estimated_error.expect("a contact"));
+        assert!(apart < stated[0] + stated[1], "{apart} of the depth at {x_mm} mm, {stated:?} stated");
+        assert!(stated.iter().all(|stated| *stated < 0.15), "{stated:?}");
+    }
+}
+
 /// Height of the face this far before the middle of a body at `x_mm`, on its way along x; behind it where that is negative.
 fn height_mm(face: &Surface, x_mm: f64, before_mm: f64) -> f64 {
     let row = &face.positions[face.ny / 2 * face.nx..][..face.nx];
@@ -156,9 +222,15 @@ fn bodies_of_the_rotation_experiment_turn_by_forty_five_degrees() {
                 let told = format!("{name}, {friction:?} at {theta_deg} degrees");
                 s.advance(&pose).unwrap_or_else(|e| panic!("{told}: {e}"));
                 let f = sound(&mut s, &told);
-                // Against the turn, with an arm of 1 to 4 mm.
+                // Against the turn: half of the normal force on an arm of 2 to 4 mm, and what is pushed along; or what corners 4 mm away
+                // bear that stick, and once they have torn loose 0.8 of the force.
                 let arm_mm = -f.torque_n_mm / f.normal_force_n;
-                assert!((1.0..4.5).contains(&arm_mm), "{told}: {arm_mm} mm");
+                let most_mm = match friction {
+                    Friction::Infinite if theta_deg < 45.0 => 5.0,
+                    Friction::Infinite => 3.0,
+                    _ => 2.5,
+                };
+                assert!((1.0..most_mm).contains(&arm_mm), "{told}: {arm_mm} mm");
             }
             let_go(&mut s, pose, name);
         }
