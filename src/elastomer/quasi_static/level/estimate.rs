@@ -142,8 +142,8 @@ impl Level {
     /// What the stopping leaves, relative to depth.
     ///
     /// Sides of a press, and of a slide that nothing rubs, differ where the pad is about to give way, those of what sticks where it tears:
-    /// how far that goes is told by the furthest point. In a drag with friction points slip on one side sooner than on the other, far beyond what that changes of the
-    /// face: there a mean tells, as of all errors. Found by experiment: crescents whose tips go ahead by 2 to 5 mm (friction 0.8, cells of
+    /// how far that goes is told by the furthest point. In a drag with friction points slip on one side sooner than on the other, far
+    /// beyond what that changes of the face: there a mean tells, as of all errors. Found by experiment: crescents whose tips go ahead by 2 to 5 mm (friction 0.8, cells of
     /// 0.63 to 0.31 mm) have points of which one is up to 0.56 mm further along than its image, 0.06 to 0.1 mm as a mean, and over other
     /// cells faces within 2.7 % of the depth in height, 7 to 18 % as points that move along, and forces within 1 %.
     fn unsettled_error(&self, indenter: &dyn Indenter, depth: f64, outcome: Outcome) -> f64 {

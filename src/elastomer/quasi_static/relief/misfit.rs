@@ -5,8 +5,8 @@ use super::window::Window;
 
 /// Width of the band on either side of the contact's edge that tells how far the splines are off there, mm.
 const BAND_MM: f64 = 0.2;
-/// Error outside of that band per change inside of it, both as root mean squares over [`judged_mm2`]. Found by experiment, with [`super::super::level::Level::error_in_relief`]'s constant part:
-/// 21 bodies, sharp ones and edges rounded by 0.3 mm, pressed 0.3 to 0.8 mm over cells of 0.28, 0.42 and 0.63 mm, are off cells
+/// Error outside of that band per change inside of it, both as root mean squares over [`judged_mm2`]. Found by experiment, with
+/// [`super::super::level::Level::error_in_relief`]'s constant part: 21 bodies, sharp ones and edges rounded by 0.3 mm, pressed 0.3 to 0.8 mm over cells of 0.28, 0.42 and 0.63 mm, are off cells
 /// of 0.10 to 0.14 mm by less than is stated, by a quarter of it at the median.
 const TO_ERROR: f64 = 0.3;
 

@@ -226,7 +226,7 @@ fn bodies_of_the_rotation_experiment_turn_by_forty_five_degrees() {
                 // bear that stick, and once they have torn loose 0.8 of the force.
                 let arm_mm = -f.torque_n_mm / f.normal_force_n;
                 let most_mm = match friction {
-                    Friction::Infinite if theta_deg < 45.0 => 5.0,
+                    Friction::Infinite if theta_deg < 45.0 => 4.5,
                     Friction::Infinite => 3.0,
                     _ => 2.5,
                 };
