@@ -92,6 +92,8 @@ pub struct Equilibrium {
     unsettled: f64,
     /// The error it states, once it was asked for.
     stated: OnceLock<Option<f64>>,
+    /// Part of the face that lies over itself, once it was asked for.
+    folded: OnceLock<f64>,
 }
 
 impl Equilibrium {
@@ -154,6 +156,7 @@ impl Level {
                 penetration_mm: 0.0,
                 unsettled: 0.0,
                 stated: OnceLock::new(),
+                folded: OnceLock::new(),
             },
             newton: Newton::default(),
         }
@@ -246,7 +249,7 @@ impl Level {
         (at.at_rest, at.last, at.outcome, at.pose) = (true, None, None, *pose);
         (at.dragged_mm, at.worn, at.ledger) = (0.0, 0.0, Ledger::default());
         at.mirrors = symmetry::mirrors_of(pose);
-        at.stated = OnceLock::new();
+        (at.stated, at.folded) = (OnceLock::new(), OnceLock::new());
     }
 
     /// How many points have anchors.

@@ -2,9 +2,9 @@
 //!
 //! A tolerance picks cells that meet it for smooth bodies ([`Resolution::for_tolerance`]). Flat bodies with edges have
 //! twice the error or more, and narrow ones fall between the cells. Every answer states its error, so a way that
-//! states too much is gone again; a drag that is drawn through the face over these and the next finer, with those after them, as long
-//! as none were in vain before (a crescent that turns with friction 0.5 at tolerance 0.05 is over those of 0.63 and 0.42 mm, and states
-//! 2 % over those of 0.31 mm).
+//! states too much is gone again. Where a drag that slips has a poor answer, or none, and the next finer cells have no better one, those
+//! after them are tried, as long as none were in vain before (a crescent that turns with friction 0.5 at tolerance 0.05 is drawn through
+//! the face over those of 0.63 and 0.42 mm, and states 2 % over those of 0.31 mm; what sticks tears over all).
 //! Cells that find no equilibrium, and finer ones, are not tried again before rest; where those of a
 //! press find none for a drag, it is dragged with the cells that it began with, and where these are of no use, with the next finer, if
 //! they are wider than those that failed. What a press is not resolved at is no bar to going deeper: finer cells are tried there
@@ -29,13 +29,16 @@ const WORTHWHILE_LATER: f64 = 8.0 / 3.0;
 /// edges rounded by 0.3 mm, 0.5 mm deep and slid by 0.25 and 0.5 mm with friction 0.5, shell, dots, cone and crossed lines drag 3.5 to
 /// 8 % too little over cells that state 2.6 to 7.5 %.
 const WORTHWHILE_IN_A_DRAG: f64 = 1.5;
+/// The same where the face folds in a slip: what is stated there may be a half of what it is off by, and finer cells carry it.
+const WORTHWHILE_WHERE_IT_FOLDS: f64 = 1.0;
 /// Cells over finer ones that are worth a guess of their own.
 const WORTH_A_GUESS: f64 = 1.6;
 /// Cells whose widths differ by less are as fine, mm.
 const ROUNDING_MM: f64 = 1e-9;
 /// A stated error with which an answer is none.
 const UNRESOLVED: f64 = 0.2;
-/// A stated error with which the splines are a ground for the relief to stand on.
+/// A stated error with which the splines are a ground for the relief to stand on, and a slip is good enough to be left where the next
+/// finer cells are no better.
 pub const OF_USE: f64 = UNRESOLVED / 2.0;
 
 /// Stated error that finer cells aim at.
@@ -49,7 +52,7 @@ impl QuasiStaticSolver {
     /// # Errors
     /// [`Error::Interrupted`]; that finer cells failed is not one, for how it `ended` without them stands.
     pub(super) fn refine(&mut self, ended: &mut Result<(), Error>, pose: &Pose) -> Result<(), Error> {
-        let (Some(wanted), Some(acceptable)) = (self.wanted, self.acceptable()) else { return Ok(()) };
+        let (Some(wanted), Some(mut acceptable)) = (self.wanted, self.acceptable()) else { return Ok(()) };
         let mut stated = match ended {
             _ if self.vain_mm.is_some() => return Ok(()),
             Ok(()) => self.stated_error(acceptable),
@@ -60,10 +63,11 @@ impl QuasiStaticSolver {
             && let Some(mut finer) = self.resolution.refined(self.pad.size_mm, stated, wanted)
         {
             let widest_mm = finer.cell_mm;
+            let poor = stated > OF_USE || self.finest().folded_in_a_slip() > 0.0;
             let found = loop {
                 match self.again_finer(finer, pose, [acceptable, stated]) {
-                    // What is drawn through the face over these, too, may not be over the next.
-                    Err(Error::Unresolved { .. }) if self.is_dragged() && stated > UNRESOLVED => {
+                    // What is drawn through the face over these, or is no better, may not be over the next.
+                    Err(Error::Unresolved { .. }) if self.finest().slips() && poor => {
                         match finer.next_finer(self.pad.size_mm) {
                             Some(next) => finer = next,
                             None => break None,
@@ -79,6 +83,7 @@ impl QuasiStaticSolver {
                 break;
             };
             (*ended, stated) = (Ok(()), now);
+            acceptable = self.acceptable().unwrap_or(acceptable);
         }
         Ok(())
     }
@@ -126,7 +131,9 @@ impl QuasiStaticSolver {
 
     /// Stated error beyond which finer cells are tried.
     fn acceptable(&self) -> Option<f64> {
-        let worthwhile = if self.is_dragged() {
+        let worthwhile = if self.finest().folded_in_a_slip() > 0.0 {
+            WORTHWHILE_WHERE_IT_FOLDS
+        } else if self.is_dragged() {
             WORTHWHILE_IN_A_DRAG
         } else if self.path.len() > 1 {
             WORTHWHILE_LATER
@@ -174,10 +181,10 @@ impl QuasiStaticSolver {
     }
 
     /// Follows the way since rest with the next finer cells, where finer ones than these were in vain, and a drag with friction has ended
-    /// in an answer that is none, or a press that has just `fallen_back` states too much. When they find no equilibrium either, all is as it
-    /// was. (A crescent that turns with friction 0.5: cells of 0.25 mm find no equilibrium at 15 degrees, over those of 0.42 mm it is drawn
-    /// through the face at 30, with those of 0.31 it turns on. Parallel lines that cells of 0.25 mm were taken for 0.5 mm deep find an
-    /// equilibrium 1 mm deep over those of 0.42 and 0.31 mm.)
+    /// in an answer that is none, or in a poor one with folds, or a press that has just `fallen_back` states too much. When they find no
+    /// equilibrium either, all is as it was. (A crescent that turns with friction 0.5: cells of 0.25 mm find no equilibrium at
+    /// 15 degrees, over those of 0.42 mm it is drawn through the face at 30, with those of 0.31 it turns on. Parallel lines that cells of
+    /// 0.25 mm were taken for 0.5 mm deep find an equilibrium 1 mm deep over those of 0.42 and 0.31 mm.)
     ///
     /// # Errors
     /// [`Error::Interrupted`].
@@ -190,6 +197,7 @@ impl QuasiStaticSolver {
         let (true, Some(vain_mm)) = (ended.is_ok(), self.vain_mm) else { return Ok(()) };
         let enough = match self.finest().straight_down() {
             true if fallen_back && self.unrefined.is_none() => self.acceptable(),
+            false if self.finest().folded_in_a_slip() > 0.0 => Some(OF_USE),
             false if self.is_dragged() => Some(UNRESOLVED),
             _ => None,
         };

@@ -75,7 +75,7 @@ impl Level {
             return Ok(());
         }
         let saved = self.at.clone();
-        self.at.stated = OnceLock::new();
+        (self.at.stated, self.at.folded) = (OnceLock::new(), OnceLock::new());
         self.at.contacts.begin_increment(indenter, &saved.pose, pose, &saved.u);
         let machine = Arc::clone(&self.machine);
         let problem = Problem { machine: &machine, indenter, pose, least_force: self.least_force };

@@ -101,15 +101,14 @@ fn bodies_of_the_slip_experiment_slide_by_five_millimetres_either_way() {
     }
 }
 
-/// A shipped body on cells of one width, whatever it states.
-fn pressed_over(name: &str, cell_mm: f64, friction: f64) -> QuasiStaticSolver {
+/// A shipped body that has been pressed 0.5 mm deep over cells of one width, whatever it states.
+fn pressed_over(name: &str, law: Law, cell_mm: f64, friction: Friction) -> QuasiStaticSolver {
     let (body, start) = (shipped(name), Pose::new(0.0, 0.0, 0.2, 0.0));
-    let settings = settings(Friction::Coefficient(friction));
-    let pad = pad(Law::NeoHookean);
+    let pad = pad(law);
     let size = [pad.size_x_mm, pad.size_y_mm, pad.thickness_mm];
     let resolution = Resolution::for_tolerance(0.02).for_body(body.as_ref(), size);
     let resolution = Resolution { cell_mm, ..resolution };
-    let mut s = QuasiStaticSolver::with_resolution(&pad, &settings, resolution, body, &start)
+    let mut s = QuasiStaticSolver::with_resolution(&pad, &settings(friction), resolution, body, &start)
         .expect("settings are in range");
     s.advance(&Pose { z_mm: -0.5, ..start }).expect("an easy press");
     s
@@ -119,7 +118,7 @@ fn pressed_over(name: &str, cell_mm: f64, friction: f64) -> QuasiStaticSolver {
 #[test]
 fn bodies_of_the_slip_experiment_slide_with_high_friction_their_tips_ahead_too() {
     for (name, way) in [("moon", 1.0), ("pacman", -1.0), ("dot_in", 1.0)] {
-        let mut s = pressed_over(name, 0.625, 0.8);
+        let mut s = pressed_over(name, Law::NeoHookean, 0.625, Friction::Coefficient(0.8));
         let mut pose = Pose::new(0.0, 0.0, -0.5, 0.0);
         for n in 1..=5 {
             pose.x_mm = way * f64::from(n);
@@ -139,7 +138,7 @@ fn bodies_of_the_slip_experiment_slide_with_high_friction_their_tips_ahead_too()
 #[test]
 fn where_tips_dig_in_points_are_no_further_apart_than_is_stated() {
     let captures = [0.625, 0.417].map(|cell_mm| {
-        let mut s = pressed_over("moon", cell_mm, 0.8);
+        let mut s = pressed_over("moon", Law::NeoHookean, cell_mm, Friction::Coefficient(0.8));
         [1.0, 2.0].map(|x_mm| {
             s.advance(&Pose::new(x_mm, 0.0, -0.5, 0.0)).expect("a slide");
             s.capture(201, 201).expect("a lattice")
@@ -211,28 +210,53 @@ fn a_slide_leaves_a_shallow_trace_behind_it_and_keeps_the_shape_of_the_contact()
     }
 }
 
+/// Torque over normal force after 15, 30 and 45 degrees over cells of 0.31 mm, in mm: half of the force on an arm of 2 to 4 mm and what is
+/// pushed along, or what corners bear that stick, until they have torn loose. Those of 0.42 mm have the same within 4 %, where a crescent is
+/// not drawn through the face over them. (Beyond 20 degrees, over cells finer than these, the corners of the hollow square that sticks
+/// tear loose sooner: lab book, long slides and turns.)
+const ARMS_MM: [(&str, Friction, [f64; 3]); 6] = [
+    ("moon", Friction::Coefficient(0.5), [1.346, 1.400, 1.384]),
+    ("moon", Friction::Infinite, [2.231, 3.389, 1.604]),
+    ("pacman", Friction::Coefficient(0.5), [1.111, 1.162, 1.166]),
+    ("pacman", Friction::Infinite, [1.679, 2.772, 1.416]),
+    ("dot_in", Friction::Coefficient(0.5), [1.823, 1.901, 1.921]),
+    ("dot_in", Friction::Infinite, [3.128, 4.534, 2.515]),
+];
+
 #[test]
 fn bodies_of_the_rotation_experiment_turn_by_forty_five_degrees() {
-    for name in ["moon", "pacman", "dot_in"] {
-        for friction in [Friction::Coefficient(0.5), Friction::Infinite] {
-            let mut s = pressed(name, Law::FixedCorotated, friction, 0.05);
-            let mut pose = Pose::new(0.0, 0.0, -0.5, 0.0);
-            for theta_deg in [15.0, 30.0, 45.0] {
-                pose.theta_deg = theta_deg;
-                let told = format!("{name}, {friction:?} at {theta_deg} degrees");
-                s.advance(&pose).unwrap_or_else(|e| panic!("{told}: {e}"));
-                let f = sound(&mut s, &told);
-                // Against the turn: half of the normal force on an arm of 2 to 4 mm, and what is pushed along; or what corners 4 mm away
-                // bear that stick, and once they have torn loose 0.8 of the force.
-                let arm_mm = -f.torque_n_mm / f.normal_force_n;
-                let most_mm = match friction {
-                    Friction::Infinite if theta_deg < 45.0 => 4.5,
-                    Friction::Infinite => 3.0,
-                    _ => 2.5,
-                };
-                assert!((1.0..most_mm).contains(&arm_mm), "{told}: {arm_mm} mm");
-            }
-            let_go(&mut s, pose, name);
+    for (name, friction, arms_mm) in ARMS_MM {
+        let mut s = pressed(name, Law::FixedCorotated, friction, 0.05);
+        let mut pose = Pose::new(0.0, 0.0, -0.5, 0.0);
+        for (n, arm_mm) in (1..).zip(arms_mm) {
+            pose.theta_deg = 15.0 * f64::from(n);
+            let told = format!("{name}, {friction:?} at {} degrees", pose.theta_deg);
+            s.advance(&pose).unwrap_or_else(|e| panic!("{told}: {e}"));
+            let f = sound(&mut s, &told);
+            let off = -f.torque_n_mm / f.normal_force_n / arm_mm - 1.0;
+            // Which of a body's corners have torn loose is up to rounding; by 45 degrees more have over cells as wide as these.
+            let within = if friction == Friction::Infinite && n > 1 { -0.1..0.05 } else { -0.08..0.08 };
+            assert!(within.contains(&off), "{told}: {off} more than over cells of 0.31 mm");
+        }
+        let_go(&mut s, pose, name);
+    }
+}
+
+/// Rounding decides whether a fold holds a tip of a crescent that turns over wide cells. Where it does the torque is up to a quarter too
+/// large, and what is stated tells.
+#[test]
+fn a_tip_that_a_fold_holds_is_seen() {
+    let (_, friction, arms_mm) = ARMS_MM[0];
+    for beside_mm in [1e-6, -1e-3, 1e-3, 1e-2] {
+        let mut s = pressed_over("moon", Law::FixedCorotated, 0.625, friction);
+        for (n, arm_mm) in (1..).zip(arms_mm) {
+            let theta_deg = 15.0 * f64::from(n);
+            s.advance(&Pose::new(beside_mm, 0.0, -0.5, theta_deg)).expect("a turn over wide cells");
+            let c = s.capture(81, 81).expect("a lattice");
+            let more = -c.forces.torque_n_mm / c.forces.normal_force_n / arm_mm - 1.0;
+            let stated = c.stats.estimated_error.expect("a contact");
+            let told = format!("from {beside_mm} mm beside, at {theta_deg} degrees");
+            assert!(more.abs() < 3.0 * stated, "{told}: {more} more, {stated} stated");
         }
     }
 }
