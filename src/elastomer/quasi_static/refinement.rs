@@ -29,8 +29,9 @@ const WORTHWHILE_LATER: f64 = 8.0 / 3.0;
 /// edges rounded by 0.3 mm, 0.5 mm deep and slid by 0.25 and 0.5 mm with friction 0.5, shell, dots, cone and crossed lines drag 3.5 to
 /// 8 % too little over cells that state 2.6 to 7.5 %.
 const WORTHWHILE_IN_A_DRAG: f64 = 1.5;
-/// The same where the face folds in a slip: what is stated there may be a half of what it is off by, and finer cells carry it.
-const WORTHWHILE_WHERE_IT_FOLDS: f64 = 1.0;
+/// The same where the face folds in a slip, so that no more than the tolerance is stated: that may be a third of what it is off by there,
+/// and finer cells carry it.
+const WORTHWHILE_WHERE_IT_FOLDS: f64 = 2.0 / 3.0;
 /// Cells over finer ones that are worth a guess of their own.
 const WORTH_A_GUESS: f64 = 1.6;
 /// Cells whose widths differ by less are as fine, mm.
@@ -60,7 +61,7 @@ impl QuasiStaticSolver {
             Err(_) => return Ok(()),
         };
         while stated > acceptable
-            && let Some(mut finer) = self.resolution.refined(self.pad.size_mm, stated, wanted)
+            && let Some(mut finer) = self.resolution.refined(self.pad.size_mm, stated, wanted.min(acceptable))
         {
             let widest_mm = finer.cell_mm;
             let poor = stated > OF_USE || self.finest().folded_in_a_slip() > 0.0;
