@@ -31,7 +31,7 @@ const MOST_FOLDED: f64 = 5e-3;
 /// How far what a slip has folded is off, cells. Found by experiment: crescents that slide and turn with friction 0.5 and 0.8 over cells
 /// of 0.63 and 0.42 mm have points that are as far off those over cells of 0.31 mm as they state, 1.7 times at most (fixed-corotated),
 /// while nothing folds. Where a fold holds a tip these are 11 to 20 % of the depth, heights 2.6 to 4.8, and with this 6 to 16 are stated,
-/// without it 4 to 16; dots that slide with friction 1 are 10 to 15 % off and state 14 to 17, without it 11.
+/// without it 4 to 16; dots that slide with friction 1 are 7 to 15 % off and state 10 to 17, without it 10 to 12.
 const FOLDED_CELLS: f64 = 1.0;
 /// Part of its energy that a face may have lost without friction, and of its normal force with which it may resist a slide. Found by
 /// experiment: sharp ridges that turn catch on what bulges between them, resist with a quarter and lose thirteen times what is
