@@ -200,20 +200,16 @@ impl Level {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::tests::{pad, settings};
+    use super::super::super::tests::{Sphere, pad, settings};
     use super::super::super::{QuasiStaticSolver, Resolution};
     use super::*;
     use crate::elastomer::{Elastomer, Friction, Law};
-    use crate::indenter::spec::Shape;
-    use crate::indenter::{IndenterSpec, from_spec};
     use crate::pose::Pose;
-    use std::sync::OnceLock;
+    use std::sync::{Arc, OnceLock};
 
     #[test]
     fn what_folds_in_a_slip_is_stated_and_in_what_sticks_it_is_not() {
-        let shape = Shape::Dome { radius_mm: 4.0, diameter_mm: 8.0 };
-        let sphere = IndenterSpec { description: String::new(), edge_round_mm: 0.0, height_mm: 8.0, shape };
-        let sphere = from_spec("sphere", &sphere, None).expect("a body");
+        let sphere = Arc::new(Sphere(4.0));
         for friction in [Friction::Coefficient(0.5), Friction::Infinite] {
             let (pad, settings) = (pad(Law::FixedCorotated), settings(friction));
             let start = Pose::new(0.0, 0.0, -0.5, 0.0);
@@ -235,9 +231,9 @@ mod tests {
             let now = level.estimated_error(sphere.as_ref()).expect("a contact");
             let folded = level.folded();
             assert!(folded > 1e-4 && folded < MOST_FOLDED, "{folded}");
-            // A cell is more than the way was.
+            // A cell is more than the way was, which was as far as the sphere is deep.
             let judged_mm2 = judged_mm2(level.at.contacts.patch().area_mm2());
-            let moved = 0.5 / 0.5 * (folded * pad.size_x_mm * pad.size_y_mm / judged_mm2).sqrt();
+            let moved = (folded * pad.size_x_mm * pad.size_y_mm / judged_mm2).sqrt();
             let expected = if friction == Friction::Infinite { smooth } else { smooth.hypot(moved) };
             assert!((now - expected).abs() < 1e-6, "{friction:?}: {now}, {smooth} without, {moved} moved");
         }
